@@ -1,0 +1,257 @@
+"""Settings of the daemon: one frozen class per part, units in the names, unknown keys refused by path.
+
+The text of ``config/ptzd.yaml`` documents every key; a test holds the two together.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta, Struct, field
+
+from ptzd.errors import ConfigError
+from ptzd.model import Matcher
+
+Positive = Annotated[float, Meta(gt=0)]
+NotNegative = Annotated[float, Meta(ge=0)]
+Share = Annotated[float, Meta(ge=0.05, le=0.95)]
+Probability = Annotated[float, Meta(ge=0, le=1)]
+Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9._-]{1,64}$")]
+Interval = tuple[float, float]
+
+
+class Part(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What all parts share: frozen, keyword-only, unknown keys refused."""
+
+
+class V4l2Source(Part, tag_field="source", tag="v4l2"):
+    """A camera behind a kernel driver."""
+
+    device: str
+    """Stable name, e.g. ``/dev/v4l/by-id/…-video-index0``; numbers change at every replug."""
+    size_px: tuple[int, int]
+    fps: Positive = 30.0
+    format: Literal["MJPG", "YUYV", "GREY"] = "MJPG"
+    controls: dict[str, int] = field(default_factory=dict)
+    """Driver controls by name, set at every open, e.g. ``{exposure_time_absolute: 150}``."""
+    stall_s: Positive = 2.0
+    """No frame for this long = the camera is lost."""
+
+
+class HttpSource(Part, tag_field="source", tag="http"):
+    """A fisheye that serves MJPEG over HTTP."""
+
+    url: str
+    user: str | None = None
+    password_file: str | None = None
+    latency_s: NotNegative = 0.0
+    """Exposure to arrival of the last byte."""
+    stall_s: Positive = 2.0
+    allow_basic_over_http: bool = False
+
+
+class FilesSource(Part, tag_field="source", tag="files"):
+    """Pictures from a folder, in the order of their names."""
+
+    path: str
+    fps: Positive = 10.0
+    loop: bool = True
+
+
+FisheyeSource = V4l2Source | HttpSource | FilesSource
+
+
+class Ptz(Part):
+    """The AXIS camera and its stream."""
+
+    url: str
+    """``http://host[:port]`` or ``https://host[:port]``."""
+    user: str
+    password_file: str | None = None
+    """A file with one line; without it ``$CREDENTIALS_DIRECTORY/axis-password``."""
+    camera: Annotated[int, Meta(ge=1)] = 1
+    size_px: tuple[int, int] = (640, 480)
+    fps: Positive = 15.0
+    compression: Annotated[int, Meta(ge=0, le=100)] = 20
+    allow_basic_over_http: bool = False
+    """Basic sends the password readable by anybody on the way: only over TLS unless this is true."""
+    certificate_sha256: str | None = None
+    """Fingerprint of a self-signed certificate (hex, colons allowed); without it the system's authorities decide."""
+    poll_hz: Annotated[float, Meta(ge=1, le=25)] = 10.0
+    image_latency_s: NotNegative = 0.10
+    """Middle of the exposure to arrival of the last byte."""
+    report_lag_s: NotNegative = 0.10
+    """Age of a reported position."""
+    arrival_tolerance_deg: Positive = 0.05
+    zoom_tolerance: Positive = 8.0
+    """VAPIX zoom units."""
+    settle_s: NotNegative = 0.2
+    """Rest before a picture counts, on top of the stable positions."""
+    move_spacing_s: NotNegative = 0.1
+    """Least time between two moves; 1.0 for cameras of the 214 class, which buffer commands."""
+    move_timeout_s: Positive = 15.0
+    stall_s: Positive = 5.0
+    endless_pan: bool | None = None
+    """Whether the head turns on over ±180°; without it, told from the camera's pan limits."""
+
+
+class Limits(Part):
+    """Where the head may go, in the camera's own units; intersected with the camera's own limits."""
+
+    pan_deg: Interval = (-180.0, 180.0)
+    tilt_deg: Interval = (-90.0, 90.0)
+    zoom: Interval = (1.0, 9999.0)
+
+
+class Home(Part):
+    """Where the head rests, in the camera's own units."""
+
+    pan_deg: float = 0.0
+    tilt_deg: float = 0.0
+    zoom: float = 1.0
+    idle_s: NotNegative = 5.0
+    """Quiet time after the last request before the head goes home."""
+
+
+class Search(Part):
+    """Scan and match."""
+
+    matcher: Matcher = Matcher.SWEEP
+    range_m: Interval = (1.0, 100.0)
+    """Default interval of range (in baselines when the rig is not metric); ``.inf`` allowed as its end."""
+    scan_hfov_deg: Positive | None = None
+    """Field of view of the scan; without it, chosen from the region's sampling."""
+    accept_probability: Probability = 0.8
+    """At or above it a match is believed."""
+    certain_probability: Probability = 0.97
+    """At or above it the remaining views are not taken."""
+    max_rounds: Annotated[int, Meta(ge=1, le=3)] = 2
+    """Scans of one request; each further one looks closer."""
+    frame_max_age_s: Positive = 3.0
+    """A request on an older fisheye frame is refused as stale."""
+    seed: int = 1
+
+
+class Lock(Part):
+    """Centre, zoom, verify, hold."""
+
+    tolerance_deg: Positive = 0.15
+    """Offset under which the lock needs no further correction."""
+    max_corrections: Annotated[int, Meta(ge=0, le=5)] = 2
+    fill: Share = 0.5
+    hold_s: NotNegative = 5.0
+    verify_every_s: Positive = 2.0
+    verify_probability: Probability = 0.6
+    sigma_limit: Positive = 3.0
+    """Never zoom so far that this many sigma of the pointing error leave the picture."""
+
+
+class Queue(Part):
+    """Waiting requests."""
+
+    size: Annotated[int, Meta(ge=0, le=64)] = 8
+    timeout_s: Positive = 60.0
+    """Default time from acceptance to the lock."""
+    results_kept_s: Positive = 600.0
+
+
+class BusSettings(Part):
+    """The Zenoh session."""
+
+    prefix: Annotated[str, Meta(pattern=r"^[A-Za-z0-9._-]+(/[A-Za-z0-9._-]+)*$")] = "ptzd"
+    mode: Literal["peer", "router", "client"] = "peer"
+    listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
+    connect: tuple[str, ...] = ()
+    config_file: str | None = None
+    """A Zenoh JSON5 file (TLS, access control); the keys above are put on top of it."""
+
+
+class LogSettings(Part):
+    """The black box."""
+
+    directory: str = "log"
+    fisheye_every_n: Annotated[int, Meta(ge=1)] = 1
+    """Of the fisheye frames that no request used, every n-th is kept; used ones always are."""
+    rotate_bytes: Annotated[int, Meta(ge=1_000_000)] = 1 << 30
+    rotate_s: Positive = 300.0
+    keep_bytes: Annotated[int, Meta(ge=1_000_000)] = 20 << 30
+    keep_days: Positive = 30.0
+    min_free_bytes: Annotated[int, Meta(ge=0)] = 2 << 30
+    queue_frames: Annotated[int, Meta(ge=1)] = 64
+
+
+class Config(Part):
+    """Everything the daemon is told."""
+
+    rig: Name
+    calibration: str
+    """Path of rig.yaml, relative to this file."""
+    fisheye: FisheyeSource
+    ptz: Ptz
+    limits: Limits = Limits()
+    home: Home = Home()
+    search: Search = Search()
+    lock: Lock = Lock()
+    queue: Queue = Queue()
+    bus: BusSettings = BusSettings()
+    log: LogSettings = LogSettings()
+
+
+def parse_config(document: object, name: str) -> Config:
+    """Turn a parsed YAML document into settings.
+
+    Parameters
+    ----------
+    document : object
+        What the YAML parser returned.
+    name : str
+        File name for messages.
+
+    Raises
+    ------
+    ConfigError
+        With the path of the culprit, e.g. ``ptzd.yaml: ptz.fps: Expected `float` > 0.0``.
+    """
+    if not isinstance(document, dict):
+        raise ConfigError(f"{name}: the file must hold a mapping of settings, got {type(document).__name__}")
+    _refuse_nan(document, name, "")
+    try:
+        config = msgspec.convert(document, Config, strict=True)
+    except msgspec.ValidationError as error:
+        text, _, path = str(error).partition(" - at `")
+        raise ConfigError(f"{name}: {path.rstrip('`').removeprefix('$.') or '(top level)'}: {text}") from None
+    _check_ranges(config, name)
+    return config
+
+
+def _refuse_nan(value: object, name: str, path: str) -> None:
+    if isinstance(value, float) and math.isnan(value):
+        raise ConfigError(f"{name}: {path}: NaN is not a value; give a number")
+    if isinstance(value, dict):
+        for key, item in value.items():
+            _refuse_nan(item, name, f"{path}.{key}".removeprefix("."))
+    if isinstance(value, list):
+        for index, item in enumerate(value):
+            _refuse_nan(item, name, f"{path}[{index}]")
+
+
+def _check_ranges(config: Config, name: str) -> None:
+    intervals: dict[str, Interval] = {
+        "limits.pan_deg": config.limits.pan_deg,
+        "limits.tilt_deg": config.limits.tilt_deg,
+        "limits.zoom": config.limits.zoom,
+        "search.range_m": config.search.range_m,
+    }
+    for path, (low, high) in intervals.items():
+        if low >= high:
+            raise ConfigError(f"{name}: {path}: the first value must be below the second, got {low}, {high}")
+    if config.search.range_m[0] <= 0:
+        raise ConfigError(f"{name}: search.range_m: the nearest range must be above 0, got {config.search.range_m[0]}")
+    for axis, value in (("pan_deg", config.home.pan_deg), ("tilt_deg", config.home.tilt_deg), ("zoom", config.home.zoom)):
+        low, high = intervals[f"limits.{axis}"]
+        if not low <= value <= high:
+            raise ConfigError(f"{name}: home.{axis}: {value} is outside limits.{axis} ({low} to {high})")
+    if config.search.certain_probability < config.search.accept_probability:
+        raise ConfigError(f"{name}: search.certain_probability: must not be below search.accept_probability")

@@ -1,0 +1,152 @@
+"""What the core wants done. Slow parts answer later with events."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ptzd.model import Box, FrameRef, HeadReading, Matcher, Outcome, ViewRef
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Command:
+    """Root of all commands."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MoveHead(Command):
+    """Absolute move of pan, tilt and zoom at once; answered by HeadArrived or HeadStalled with the same id."""
+
+    move_id: int
+    target: HeadReading
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StopHead(Command):
+    """Stop every axis; a move under way gives no further answer. Answered by HeadStopped."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GrabView(Command):
+    """Take one picture exposed at rest at or after ``not_before_ns``; answered by ViewTaken or GrabFailed."""
+
+    grab_id: int
+    not_before_ns: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunMatch(Command):
+    """Look for a region of a fisheye frame in a view; answered by MatchFinished or MatchFailed."""
+
+    match_id: int
+    request_id: str
+    frame: FrameRef
+    box: Box
+    view: ViewRef
+    inverse_range: tuple[float, float]
+    """Interval searched along the arc, in 1/m (1/baseline when not metric)."""
+    band_rad: float
+    """Half width searched across the arc."""
+    matcher: Matcher
+    seed: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AbandonMatches(Command):
+    """Answers to the matches under way are no longer wanted; none comes after this."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PinFrame(Command):
+    """Keep the bytes of this fisheye frame for the request until ReleaseFrames names it."""
+
+    request_id: str
+    frame: FrameRef
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReleaseFrames(Command):
+    """The request is over; its pinned frames and views may go."""
+
+    request_id: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplyAccepted(Command):
+    """Answer a request's query: taken on."""
+
+    token: int
+    id: str
+    frame: FrameRef
+    position: int
+    """0 = active now, 1… = place in the queue."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplyRefused(Command):
+    """Answer any query with an error."""
+
+    token: int
+    code: str
+    message: str
+    field: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplyOutcome(Command):
+    """Answer a cancel or a control verb."""
+
+    token: int
+    outcome: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PublishFeedback(Command):
+    """One step of a request, for ``roi/<id>/feedback`` and the log."""
+
+    id: str
+    step: str
+    """state, view, match, correction, verify, update, note."""
+    detail: dict[str, object]
+    """Flat: numbers, strings, booleans."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PublishResult(Command):
+    """The one end of a request."""
+
+    id: str
+    outcome: Outcome
+    reason: str
+    label: str
+    elapsed_ms: int
+    views: int
+    pan_deg: float | None = None
+    """Calibrated head frame, deg."""
+    tilt_deg: float | None = None
+    zoom: float | None = None
+    hfov_deg: float | None = None
+    box_ptz: tuple[tuple[float, float], ...] = ()
+    range_m: float | None = None
+    """None when unknown or infinitely far."""
+    probability: float | None = None
+    sigma_deg: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PublishStatus(Command):
+    """The state as the bus key ``status`` and the log topic ``/state`` show it."""
+
+    state: str
+    active: str | None
+    phase: str
+    queue: tuple[str, ...]
+    fisheye: str
+    ptz: str
+    """``well`` or the reason why not."""
+    held: bool
+    """An operator's ``hold`` is in force: no request is started."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finished(Command):
+    """After ShutdownRequested: nothing is under way any more, the shell may close."""

@@ -1,0 +1,220 @@
+"""What the core is told. Frozen values that carry everything needed to decide again.
+
+``t_ns`` of every event is the daemon's steady clock: ns since the epoch at start plus monotonic time since.
+Head readings are in the camera's own units; the core converts with the calibration it was given.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from ptzd.model import Box, FrameRef, HeadLimits, HeadReading, MatchResult, Motion, ViewRef
+
+
+class Device(StrEnum):
+    """The two devices whose health decides over FAULT."""
+
+    FISHEYE = "fisheye"
+    PTZ = "ptz"
+
+
+class Verb(StrEnum):
+    """Operator verbs of the bus key ``control/…``."""
+
+    HOME = "home"
+    STOP = "stop"
+    HOLD = "hold"
+    RELEASE = "release"
+
+
+class ZoomWish(StrEnum):
+    """How far to zoom: by the share of the frame, not at all, or to a given field of view."""
+
+    FIT = "fit"
+    KEEP = "keep"
+    HFOV = "hfov"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Event:
+    """Root of all events."""
+
+    t_ns: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RequestReceived(Event):
+    """Another app asks to look at a box; structurally valid, not yet checked against frame and queue."""
+
+    token: int | None
+    """Names the query to answer; None for a fire-and-forget put."""
+    id: str
+    box: Box
+    frame_seq: int | None = None
+    frame_t_capture_ns: int | None = None
+    range_m: tuple[float, float] | None = None
+    zoom: ZoomWish = ZoomWish.FIT
+    hfov_deg: float | None = None
+    """With ``ZoomWish.HFOV`` only."""
+    fill: float | None = None
+    hold_s: float | None = None
+    timeout_s: float | None = None
+    priority: int = 0
+    label: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PayloadRefused(Event):
+    """Something came in that is no valid message; kept so that the log has it and the sender hears of it."""
+
+    token: int | None
+    code: str
+    message: str
+    field: str
+    id: str | None = None
+    """The request's id where it could be read: a put with an id gets a result, a query an error reply."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UpdateReceived(Event):
+    """A newer box of the same, moving target."""
+
+    id: str
+    box: Box
+    frame_seq: int | None = None
+    frame_t_capture_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CancelReceived(Event):
+    """The client no longer wants the request."""
+
+    token: int | None
+    id: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ControlReceived(Event):
+    """An operator's verb."""
+
+    token: int | None
+    verb: Verb
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameArrived(Event):
+    """A fisheye frame entered the ring."""
+
+    frame: FrameRef
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeadReady(Event):
+    """The PTZ is reachable; these are its limits, already cut to the configured ones, and where it stands."""
+
+    limits: HeadLimits
+    reading: HeadReading
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeviceLost(Event):
+    """A device does not answer or refuses."""
+
+    device: Device
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeviceWell(Event):
+    """A device works (again). The PTZ says it with HeadReady, which comes first."""
+
+    device: Device
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeadPolled(Event):
+    """A position report."""
+
+    reading: HeadReading
+    motion: Motion
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForeignMotion(Event):
+    """The head moved without being told to."""
+
+    reading: HeadReading
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeadArrived(Event):
+    """The head rests at the target of this move."""
+
+    move_id: int
+    reading: HeadReading
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeadStalled(Event):
+    """The head rests elsewhere, or did not arrive in time."""
+
+    move_id: int
+    reading: HeadReading
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeadStopped(Event):
+    """The camera confirmed a stop."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ViewTaken(Event):
+    """A picture whose whole exposure lay in rest."""
+
+    grab_id: int
+    view: ViewRef
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GrabFailed(Event):
+    """No usable picture came."""
+
+    grab_id: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MatchFinished(Event):
+    """A matcher's answer for one view."""
+
+    match_id: int
+    result: MatchResult
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MatchFailed(Event):
+    """A matcher could not run, e.g. because a picture does not decode."""
+
+    match_id: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeadlinePassed(Event):
+    """The time the core asked for has come."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ShutdownRequested(Event):
+    """The daemon is to end: every request gets its result, the head stops."""
+
+    reason: str = "the daemon is stopping"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Snapshot(Event):
+    """First event of every log file: what is needed to drive a fresh core from here on."""
+
+    state: dict[str, object] = field(default_factory=dict)
