@@ -26,7 +26,7 @@ class Part(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What all parts share: frozen, keyword-only, unknown keys refused."""
 
 
-class V4l2Source(Part, tag_field="source", tag="v4l2"):
+class V4l2Source(Part, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="source", tag="v4l2"):
     """A camera behind a kernel driver."""
 
     device: str
@@ -40,7 +40,7 @@ class V4l2Source(Part, tag_field="source", tag="v4l2"):
     """No frame for this long = the camera is lost."""
 
 
-class HttpSource(Part, tag_field="source", tag="http"):
+class HttpSource(Part, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="source", tag="http"):
     """A fisheye that serves MJPEG over HTTP."""
 
     url: str
@@ -52,7 +52,7 @@ class HttpSource(Part, tag_field="source", tag="http"):
     allow_basic_over_http: bool = False
 
 
-class FilesSource(Part, tag_field="source", tag="files"):
+class FilesSource(Part, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="source", tag="files"):
     """Pictures from a folder, in the order of their names."""
 
     path: str
@@ -63,7 +63,7 @@ class FilesSource(Part, tag_field="source", tag="files"):
 FisheyeSource = V4l2Source | HttpSource | FilesSource
 
 
-class Ptz(Part):
+class Ptz(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The AXIS camera and its stream."""
 
     url: str
@@ -97,7 +97,7 @@ class Ptz(Part):
     """Whether the head turns on over ±180°; without it, told from the camera's pan limits."""
 
 
-class Limits(Part):
+class Limits(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Where the head may go, in the camera's own units; intersected with the camera's own limits."""
 
     pan_deg: Interval = (-180.0, 180.0)
@@ -105,7 +105,7 @@ class Limits(Part):
     zoom: Interval = (1.0, 9999.0)
 
 
-class Home(Part):
+class Home(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Where the head rests, in the camera's own units."""
 
     pan_deg: float = 0.0
@@ -115,7 +115,7 @@ class Home(Part):
     """Quiet time after the last request before the head goes home."""
 
 
-class Search(Part):
+class Search(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Scan and match."""
 
     matcher: Matcher = Matcher.SWEEP
@@ -134,7 +134,7 @@ class Search(Part):
     seed: int = 1
 
 
-class Lock(Part):
+class Lock(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Centre, zoom, verify, hold."""
 
     tolerance_deg: Positive = 0.15
@@ -148,7 +148,7 @@ class Lock(Part):
     """Never zoom so far that this many sigma of the pointing error leave the picture."""
 
 
-class Queue(Part):
+class Queue(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Waiting requests."""
 
     size: Annotated[int, Meta(ge=0, le=64)] = 8
@@ -157,7 +157,7 @@ class Queue(Part):
     results_kept_s: Positive = 600.0
 
 
-class BusSettings(Part):
+class BusSettings(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The Zenoh session."""
 
     prefix: Annotated[str, Meta(pattern=r"^[A-Za-z0-9._-]+(/[A-Za-z0-9._-]+)*$")] = "ptzd"
@@ -168,7 +168,7 @@ class BusSettings(Part):
     """A Zenoh JSON5 file (TLS, access control); the keys above are put on top of it."""
 
 
-class LogSettings(Part):
+class LogSettings(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The black box."""
 
     directory: str = "log"
@@ -182,7 +182,7 @@ class LogSettings(Part):
     queue_frames: Annotated[int, Meta(ge=1)] = 64
 
 
-class Config(Part):
+class Config(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Everything the daemon is told."""
 
     rig: Name
@@ -249,7 +249,11 @@ def _check_ranges(config: Config, name: str) -> None:
             raise ConfigError(f"{name}: {path}: the first value must be below the second, got {low}, {high}")
     if config.search.range_m[0] <= 0:
         raise ConfigError(f"{name}: search.range_m: the nearest range must be above 0, got {config.search.range_m[0]}")
-    for axis, value in (("pan_deg", config.home.pan_deg), ("tilt_deg", config.home.tilt_deg), ("zoom", config.home.zoom)):
+    for axis, value in (
+        ("pan_deg", config.home.pan_deg),
+        ("tilt_deg", config.home.tilt_deg),
+        ("zoom", config.home.zoom),
+    ):
         low, high = intervals[f"limits.{axis}"]
         if not low <= value <= high:
             raise ConfigError(f"{name}: home.{axis}: {value} is outside limits.{axis} ({low} to {high})")
