@@ -1,0 +1,1 @@
+"""Sphere, camera models, head, rig, epipolar arc and plane homography; numpy only, radians only."""
