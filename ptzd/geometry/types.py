@@ -87,11 +87,13 @@ def pixel_angle_rad(camera: CameraModel, pixel: ArrayLike) -> float:
     Raises
     ------
     GeometryError
-        When the pixel does not lie whole inside the valid set.
+        When the pixel's centre lies outside the valid set.
     """
     point = checked(pixel, 2, "pixel")
-    cross = np.array([[0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]])
-    rays, valid = camera.lift(point + cross)
-    if not valid.all():
-        raise GeometryError(f"pixel ({point[0]:g}, {point[1]:g}) does not lie inside the camera's valid set")
-    return math.sqrt(float(np.linalg.norm(np.cross(rays[0] - rays[1], rays[2] - rays[3]))))
+    rays, valid = camera.lift(point + np.array([[0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5], [0.0, 0.0]]))
+    if not valid[4]:
+        raise GeometryError(f"pixel ({point[0]:g}, {point[1]:g}) lies outside the camera's valid set")
+    # at the rim the half of the pixel that is inside stands for both
+    reach = np.where(valid[:4, None], rays[:4], rays[4])
+    sides = (reach[0::2] - reach[1::2]) * (2.0 / np.maximum(1.0 * valid[0:4:2] + valid[1:4:2], 1.0))[:, None]
+    return math.sqrt(float(np.linalg.norm(np.cross(sides[0], sides[1]))))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,7 +15,7 @@ from ptzd.geometry.types import Array
 ZOOM_TOLERANCE = 0.5
 """Zoom units beyond either end that still are that end: cameras report whole units."""
 _HFOV_TOLERANCE_RAD = 1e-9
-_SECTIONS = 256
+_SECTIONS = 128
 _PASSES = 3
 
 
@@ -152,13 +153,30 @@ class ZoomTable:
                 f"field of view {math.degrees(hfov_rad):.2f}° is outside the calibrated range "
                 f"{math.degrees(narrow):.2f}° to {math.degrees(wide):.2f}°"
             )
+        return self._zoom_where(self._hfov, hfov_rad)
+
+    def zoom_for_focal(self, fx: float) -> float:
+        """Return the zoom whose focal length is ``fx`` px, to a relative 1e-9.
+
+        Raises
+        ------
+        GeometryError
+            When no calibrated zoom has that focal length.
+        """
+        shortest, longest = self.entries[0].fx, self.entries[-1].fx
+        if not shortest <= fx <= longest:
+            raise GeometryError(f"fx {fx:.2f} px is outside the calibrated range {shortest:.2f} to {longest:.2f} px")
+        return self._zoom_where(lambda zooms: -self._at(zooms)[:, 0], -math.log(fx))
+
+    def _zoom_where(self, falling: Callable[[Array], Array], wanted: float) -> float:
+        """Return the zoom where a function that falls over zoom has the wanted value, by sections and a last chord."""
         low, high = self.zoom_range
         for _ in range(_PASSES):
             zooms = np.linspace(low, high, _SECTIONS + 1)
-            cell = int(np.argmax(np.append(self._hfov(zooms[1:-1]) <= hfov_rad, True)))
+            cell = int(np.argmax(np.append(falling(zooms[1:-1]) <= wanted, True)))
             low, high = float(zooms[cell]), float(zooms[cell + 1])
-        wide, narrow = self._hfov(np.array([low, high])).tolist()
-        share = (wide - hfov_rad) / (wide - narrow) if wide > narrow else 0.0
+        above, below = falling(np.array([low, high])).tolist()
+        share = (above - wanted) / (above - below) if above > below else 0.0
         return low + min(max(share, 0.0), 1.0) * (high - low)
 
     def _hfov(self, zooms: Array) -> Array:
