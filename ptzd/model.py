@@ -64,6 +64,7 @@ class Box:
 
     @property
     def centre(self) -> tuple[float, float]:
+        """Middle of the rectangle, px."""
         return (self.x + self.w / 2, self.y + self.h / 2)
 
     @property

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from ptzd.control.commands import Command, RunMatch
-from ptzd.control.events import Event
+from ptzd.control.events import Event, Snapshot
 from ptzd.model import FrameRef, HeadLimits, HeadReading, MatchResult, Motion, ViewRef
 
 
@@ -59,6 +59,8 @@ class HeadPoll:
     t_ns: int
     """Middle of the round trip minus the camera's report lag."""
     motion: Motion
+    foreign: bool = False
+    """True on the first report of a motion that nobody here asked for."""
 
 
 class PtzHead(Protocol):
@@ -72,7 +74,7 @@ class PtzHead(Protocol):
         ...
 
     async def move(self, target: HeadReading) -> HeadReading:
-        """Move and wait for rest at the target; returns the resting position. Latest wins: a newer move or stop cancels.
+        """Move, wait for rest at the target and return the resting position; a newer move or stop cancels this one.
 
         Raises :class:`MoveSuperseded` for a move that a later one replaced, :class:`MoveStalled` when the head rests
         elsewhere or does not arrive in time.
@@ -154,6 +156,14 @@ class EventLog(Protocol):
 
     def picture(self, topic: str, picture: Picture) -> None:
         """A picture with the camera's own bytes."""
+        ...
+
+    def rotate_due(self) -> bool:
+        """Whether the file has reached its size or age."""
+        ...
+
+    def rotate(self, snapshot: Snapshot) -> None:
+        """Cut the file here: everything told so far goes into the old one, the snapshot opens the new one."""
         ...
 
     def document(self, topic: str, t_ns: int, document: dict[str, object]) -> None:

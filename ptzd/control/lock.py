@@ -1,0 +1,249 @@
+"""The lock: centre, correct from the picture, zoom, verify, hold and follow, re-acquire once."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ptzd.control import search
+from ptzd.control.decision import Thresholds, Verdict, decide
+from ptzd.control.events import ZoomWish
+from ptzd.control.memory import Active, LockMemory, Phase
+from ptzd.control.search import Ended, Found
+from ptzd.control.work import Work, seconds
+from ptzd.geometry.sphere import angle_between, bearing, pan_tilt
+from ptzd.geometry.types import Array
+from ptzd.model import Candidate, HeadReading, MatchResult, Outcome, ViewRef
+
+NARROW_PX = 4.0
+"""Half width of the search around a known place, in fisheye pixels along the arc."""
+WIDE_PX = 16.0
+"""The same when the place was lost, or the target has moved."""
+ZOOMED_SHARE = 0.02
+"""At the final zoom an offset under 2 % of the field of view is centred: nobody sees it."""
+
+
+def begin(work: Work, active: Active, found: Found) -> Ended | None:
+    """Centre what the scan found."""
+    scan = active.scan
+    if scan is None or found.decision.view is None:
+        raise AssertionError("a lock without the view it was found in")
+    wide_zoom = scan.taken[found.decision.view].reading.zoom
+    active.lock = LockMemory(
+        phase=Phase.CENTRING,
+        place=found.place,
+        probability=found.decision.probability,
+        sigma_deg=math.degrees(found.place.sigma_rad),
+        wide_zoom=wide_zoom,
+        zoom=wide_zoom,
+    )
+    active.scan = None
+    if active.request.newer_box is not None:
+        _adopt_update(work, active)
+    work.feedback("found", probability=round(found.decision.probability, 4), score=round(found.place.score, 4))
+    return _aim(work, active)
+
+
+def on_arrived(work: Work, active: Active) -> None:
+    """At rest: take the picture that tells whether it is right."""
+    work.grab()
+
+
+def on_view(work: Work, active: Active, view: ViewRef) -> None:
+    """Match again, now knowing nearly where."""
+    lock, request = _lock(active), active.request
+    active.views += 1
+    lock.view = view
+    half = WIDE_PX if lock.phase is Phase.REACQUIRING else NARROW_PX
+    work.match(
+        request_id=request.id,
+        frame=request.frame,
+        box=request.box,
+        view=view,
+        view_index=0,
+        inverse_range=search.neighbourhood(work, active, lock.place.inverse_range, half),
+        band_rad=search.band_rad(work, active),
+    )
+
+
+def on_match(work: Work, active: Active, result: MatchResult) -> Ended | None:
+    """Verified or not; go to the next step."""
+    lock = _lock(active)
+    view = lock.view
+    if view is None:
+        raise AssertionError("a match in a lock without its view")
+    decision = decide([(0, result)], Thresholds(accept_probability=work.config.lock.verify_probability))
+    if decision.best is None or decision.outcome is not Verdict.FOUND:
+        return on_unverified(work, active, decision.reason)
+    lock.place, lock.probability = decision.best, decision.probability
+    lock.sigma_deg = math.hypot(math.degrees(decision.best.sigma_rad), view.sigma_deg)
+    lock.box_ptz = decision.best.box_px
+    offset = _offset_rad(work, decision.best, view.reading)
+    work.feedback(
+        "correction" if lock.phase is not Phase.HOLDING else "verify",
+        offset_deg=round(math.degrees(offset), 4),
+        probability=round(decision.probability, 4),
+        score=round(decision.best.score, 4),
+        zoom=view.reading.zoom,
+        seq=view.frame.seq,
+    )
+    if lock.phase is Phase.REACQUIRING:
+        lock.phase = Phase.CENTRING
+    if offset > _tolerance_rad(work, lock) and lock.corrections < work.config.lock.max_corrections:
+        lock.corrections += 1
+        return _aim(work, active)
+    return _next_step(work, active)
+
+
+def on_unverified(work: Work, active: Active, reason: str) -> Ended | None:
+    """The picture did not confirm: look again from where it was found, then give up (the machine may scan again)."""
+    lock = _lock(active)
+    if lock.phase in {Phase.CENTRING, Phase.REACQUIRING}:
+        outcome = Outcome.LOST if lock.confirmed else Outcome.NOT_FOUND
+        return Ended(outcome=outcome, reason=f"{lock.phase}: {reason}", probability=lock.probability)
+    if lock.phase is Phase.ZOOMING:
+        lock.may_zoom = False
+        lock.note = f"held at the zoom of the scan, since at the asked zoom: {reason}"
+    work.feedback("note", text=f"{lock.phase}: {reason}; looking again from zoom {lock.wide_zoom:g}")
+    lock.phase, lock.zoom, lock.corrections, lock.verify_ns = Phase.REACQUIRING, lock.wide_zoom, 0, None
+    return _aim(work, active)
+
+
+def on_deadline(work: Work, active: Active) -> Ended | None:
+    """Hold time over, or time to verify."""
+    lock = _lock(active)
+    end = hold_ends_ns(work, active)
+    if end is not None and work.t_ns >= end:
+        return Ended(outcome=Outcome.LOCKED, reason=lock.note or "held as asked", probability=lock.probability)
+    if lock.verify_ns is not None and work.t_ns >= lock.verify_ns:
+        lock.verify_ns = None
+        lock.corrections = 0
+        work.grab()
+    return None
+
+
+def on_update(work: Work, active: Active) -> Ended | None:
+    """The target has a new box on a newer frame: follow it at its last known range."""
+    lock = _lock(active)
+    _adopt_update(work, active)
+    lock.corrections, lock.verify_ns = 0, None
+    if lock.phase is not Phase.HOLDING:
+        lock.zoom = lock.wide_zoom
+    work.abandon()
+    return _aim(work, active)
+
+
+def hold_ends_ns(work: Work, active: Active) -> int | None:
+    """When the hold is over; None before the lock and while an operator holds."""
+    lock = active.lock
+    if lock is None or lock.locked_ns is None or work.memory.held:
+        return None
+    return lock.locked_ns + active.request.hold_ns
+
+
+def _lock(active: Active) -> LockMemory:
+    if active.lock is None:
+        raise AssertionError("a lock step without a lock")
+    return active.lock
+
+
+def _next_step(work: Work, active: Active) -> Ended | None:
+    lock = _lock(active)
+    lock.confirmed = True
+    if lock.phase is Phase.CENTRING and lock.may_zoom:
+        target = _zoom_wanted(work, active)
+        if abs(target - lock.zoom) > work.config.ptz.zoom_tolerance:
+            lock.phase, lock.zoom, lock.corrections = Phase.ZOOMING, target, 0
+            return _aim(work, active)
+    lock.phase = Phase.HOLDING
+    lock.verify_ns = work.t_ns + seconds(work.config.lock.verify_every_s)
+    if lock.locked_ns is None:
+        lock.locked_ns = work.t_ns
+        elapsed_ms = (work.t_ns - active.request.accepted_ns) // 1_000_000
+        work.feedback("locked", elapsed_ms=elapsed_ms, range_m=range_of(lock.place))
+    return on_deadline(work, active)
+
+
+def _aim(work: Work, active: Active) -> Ended | None:
+    lock, limits = _lock(active), work.memory.limits
+    direction = bearing(lock.place.pan_rad, lock.place.tilt_rad)
+    target = work.rig.aim(direction, lock.zoom)
+    if limits is None or not limits.contains(target):
+        reason = f"the target at pan {target.pan_deg:.2f}°, tilt {target.tilt_deg:.2f}° is outside the head's limits"
+        return Ended(outcome=Outcome.UNREACHABLE, reason=reason, probability=lock.probability)
+    work.move(target)
+    return None
+
+
+def range_of(place: Candidate) -> float | None:
+    """Range in m (baselines when not metric); None when the target is too far to tell."""
+    if place.inverse_range <= 1e-6:
+        return None
+    return round(1.0 / place.inverse_range, 4)
+
+
+def _offset_rad(work: Work, place: Candidate, reading: HeadReading) -> float:
+    axis = work.rig.head_from_camera(reading) @ np.array([0.0, 0.0, 1.0])
+    return float(angle_between(axis, bearing(place.pan_rad, place.tilt_rad)))
+
+
+def _tolerance_rad(work: Work, lock: LockMemory) -> float:
+    hfov = work.rig.zoom.camera_at(lock.zoom).hfov_rad
+    return min(math.radians(work.config.lock.tolerance_deg), ZOOMED_SHARE * hfov)
+
+
+def _zoom_wanted(work: Work, active: Active) -> float:
+    """Zoom that fills the asked share of the frame, never past the pointing error's sigma limit."""
+    request, lock, limits = active.request, _lock(active), work.memory.limits
+    if limits is None or request.zoom is ZoomWish.KEEP:
+        return lock.zoom
+    narrow, wide = work.rig.zoom.hfov_range_rad
+    if request.zoom is ZoomWish.HFOV and request.hfov_deg is not None:
+        hfov = math.radians(request.hfov_deg)
+    else:
+        hfov = _filling_hfov(work, active)
+    width, height = work.rig.zoom.size_px
+    least = 2 * work.config.lock.sigma_limit * math.radians(lock.sigma_deg) * width / height
+    zoom = work.rig.zoom.zoom_for_hfov(min(max(hfov, least, narrow), wide))
+    return float(round(min(max(zoom, limits.zoom[0]), limits.zoom[1])))
+
+
+def _filling_hfov(work: Work, active: Active) -> float:
+    """Field of view in which the region's corners span the asked share of the narrower side, by their directions."""
+    request, lock, rig = active.request, _lock(active), work.rig
+    rays, valid = rig.fisheye.lift(np.array(request.box.corners))
+    rotated = rays[valid] @ rig.head_from_fisheye_rotation.T
+    directions: Array = rotated + lock.place.inverse_range * rig.head_from_fisheye_translation
+    target = rig.aim(bearing(lock.place.pan_rad, lock.place.tilt_rad), lock.zoom)
+    in_camera = directions @ rig.head_from_camera(target)
+    slopes = np.abs(in_camera[:, :2] / in_camera[:, 2:])
+    width, height = rig.zoom.size_px
+    half = max(float(slopes[:, 0].max()), float(slopes[:, 1].max()) * width / height)
+    return 2 * math.atan(half / request.fill)
+
+
+def _adopt_update(work: Work, active: Active) -> None:
+    request, lock = active.request, _lock(active)
+    if request.newer_box is None or request.newer_frame is None:
+        raise AssertionError("an update without its box or frame")
+    request.box, request.frame = request.newer_box, request.newer_frame
+    request.newer_box = request.newer_frame = None
+    lock.place = _predicted(work, active, lock.place)
+    lock.phase = lock.phase if lock.phase is Phase.HOLDING else Phase.REACQUIRING
+
+
+def _predicted(work: Work, active: Active, place: Candidate) -> Candidate:
+    """Where the new box's centre is seen from the head if the range has not changed."""
+    pan, tilt = pan_tilt(search.arc_of(work, active).bearing(place.inverse_range))
+    return Candidate(
+        pan_rad=float(pan),
+        tilt_rad=float(tilt),
+        inverse_range=place.inverse_range,
+        offset_rad=place.offset_rad,
+        score=place.score,
+        sharpness=place.sharpness,
+        sigma_rad=place.sigma_rad,
+        plane=place.plane,
+        box_px=(),
+    )

@@ -1,0 +1,159 @@
+"""The one table of states: which states may follow which event. Nothing else changes the state.
+
+Two rules: an event that has no entry for the present state is an :class:`ImpossibleEvent` and changes nothing; a
+handler that ends in a state its entry does not list is a defect and raises before a command leaves the core.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from ptzd.control import events as ev
+
+
+class State(StrEnum):
+    """Where the daemon is."""
+
+    STARTING = "STARTING"
+    IDLE = "IDLE"
+    SCAN = "SCAN"
+    MATCH = "MATCH"
+    LOCK = "LOCK"
+    HOME = "HOME"
+    FAULT = "FAULT"
+    STOPPED = "STOPPED"
+
+
+class ImpossibleEvent(Exception):
+    """An event that cannot happen in this state; names both, and nothing was changed.
+
+    Parameters
+    ----------
+    state : State
+        The present state, or the state a handler wanted to leave for.
+    event : Event
+        The event at hand.
+    """
+
+    def __init__(self, state: State, event: ev.Event) -> None:
+        super().__init__(f"{type(event).__name__} cannot happen in {state}")
+        self.state = state
+        self.event = event
+
+
+WORKING = frozenset({State.SCAN, State.MATCH, State.LOCK})
+"""A request is active exactly in these."""
+SERVING = frozenset({State.IDLE, State.HOME}) | WORKING
+"""Both devices are well exactly in these."""
+LIVING = SERVING | {State.STARTING, State.FAULT}
+
+_NEXT_REQUEST = frozenset({State.IDLE, State.SCAN})
+"""After a request ended: the next one of the queue starts, or nothing waits."""
+
+Table = dict[tuple[State, type[ev.Event]], frozenset[State]]
+
+
+def _stays(states: frozenset[State], *events: type[ev.Event]) -> Table:
+    return {(state, event): frozenset({state}) for state in states for event in events}
+
+
+def _table() -> Table:
+    table = _stays(
+        LIVING,
+        ev.PayloadRefused,
+        ev.UpdateReceived,
+        ev.FrameArrived,
+        ev.HeadPolled,
+        ev.HeadArrived,
+        ev.HeadStalled,
+        ev.ViewTaken,
+        ev.GrabFailed,
+        ev.MatchFinished,
+        ev.MatchFailed,
+    )
+    for state in LIVING:
+        table[state, ev.ShutdownRequested] = frozenset({State.STOPPED})
+        table[state, ev.DeviceLost] = frozenset({State.STARTING if state is State.STARTING else State.FAULT})
+        table[state, ev.HeadReady] = frozenset({state})
+    for state in (State.STARTING, State.FAULT):
+        table[state, ev.DeviceWell] = frozenset({state}) | _NEXT_REQUEST
+        table |= _stays(
+            frozenset({state}),
+            ev.RequestReceived,
+            ev.CancelReceived,
+            ev.ControlReceived,
+            ev.ForeignMotion,
+            ev.HeadStopped,
+            ev.DeadlinePassed,
+        )
+    table |= _stays(SERVING, ev.DeviceWell)
+    for state in SERVING:
+        ended = _NEXT_REQUEST if state in WORKING else frozenset({state})
+        table[state, ev.CancelReceived] = ended | {state}
+        table[state, ev.ControlReceived] = frozenset({state, State.HOME, State.SCAN, State.IDLE})
+        table[state, ev.HeadStopped] = frozenset({state, State.SCAN, State.IDLE})
+        table[state, ev.ForeignMotion] = ended | {State.IDLE if state is State.HOME else state}
+        table[state, ev.RequestReceived] = frozenset({state, State.SCAN}) | (ended if state in WORKING else frozenset())
+    scan_ends = _NEXT_REQUEST | {State.SCAN, State.MATCH, State.LOCK}
+    for event in (ev.HeadStalled, ev.ViewTaken, ev.GrabFailed, ev.MatchFinished, ev.MatchFailed, ev.DeadlinePassed):
+        table[State.SCAN, event] = scan_ends
+    table[State.SCAN, ev.HeadArrived] = frozenset({State.SCAN})
+    for closing in (ev.MatchFinished, ev.MatchFailed, ev.DeadlinePassed):
+        table[State.MATCH, closing] = scan_ends
+    for event in (ev.HeadStalled, ev.ViewTaken, ev.GrabFailed, ev.MatchFinished, ev.MatchFailed, ev.DeadlinePassed):
+        table[State.LOCK, event] = _NEXT_REQUEST | {State.LOCK}
+    table[State.LOCK, ev.UpdateReceived] = _NEXT_REQUEST | {State.LOCK}
+    table[State.IDLE, ev.DeadlinePassed] = frozenset({State.IDLE, State.HOME, State.SCAN})
+    for ending in (ev.HeadArrived, ev.HeadStalled, ev.DeadlinePassed):
+        table[State.HOME, ending] = frozenset({State.HOME, State.IDLE})
+    table |= _stays(frozenset({State.STOPPED}), *_all_events())
+    return table
+
+
+def _all_events() -> tuple[type[ev.Event], ...]:
+    return tuple(kind for kind in ev.Event.__subclasses__() if kind is not ev.Snapshot)
+
+
+TRANSITIONS: Table = _table()
+
+
+def transition_arrows() -> list[tuple[State, State, list[str]]]:
+    """Arrows of the diagram: from, to, and the events that may cause it; self-loops left out.
+
+    Returns
+    -------
+    list of (State, State, list of str)
+        In the order of the states, events by name.
+    """
+    arrows: dict[tuple[State, State], list[str]] = {}
+    for (state, event), targets in TRANSITIONS.items():
+        for target in targets - {state}:
+            arrows.setdefault((state, target), []).append(event.__name__)
+    order = list(State)
+    return [
+        (start, end, sorted(arrows[start, end]))
+        for start, end in sorted(arrows, key=lambda pair: (order.index(pair[0]), order.index(pair[1])))
+    ]
+
+
+def mermaid() -> str:
+    """The state diagram of README, generated from the table.
+
+    Returns
+    -------
+    str
+        A Mermaid ``stateDiagram-v2``; arrows into FAULT and STOPPED are drawn once, from the group that has them all.
+    """
+    lines = ["stateDiagram-v2", "    [*] --> STARTING"]
+    for start, end, names in transition_arrows():
+        if end in {State.FAULT, State.STOPPED} and start is not State.STARTING:
+            continue
+        lines.append(f"    {start} --> {end}: {', '.join(names)}")
+    serving = ", ".join(state for state in State if state in SERVING)
+    lines += [
+        "    FAULT --> STOPPED: ShutdownRequested",
+        f"    note left of FAULT: DeviceLost leads here from {serving}",
+        f"    note right of STOPPED: ShutdownRequested leads here from {serving}",
+        "    STOPPED --> [*]",
+    ]
+    return "\n".join(lines)

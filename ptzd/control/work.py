@@ -1,0 +1,130 @@
+"""Asking for work: every move, picture and match gets an id and a deadline, and is remembered until answered."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from ptzd.config import Config
+from ptzd.control import commands as cmd
+from ptzd.control.memory import Awaited, HeadWork, MatchWork, Memory
+from ptzd.errors import GeometryError
+from ptzd.geometry.rig import Rig
+from ptzd.model import Box, FrameRef, HeadReading, ViewRef
+
+GRAB_GUARD_NS = 12_000_000_000
+"""A picture at rest that takes longer (streams reconnect within 5 s, rest within 2 s) will not come."""
+MATCH_GUARD_NS = 30_000_000_000
+"""A match takes milliseconds; a worker silent for this long is stuck."""
+MOVE_GUARD_NS = 5_000_000_000
+"""On top of the head's own time-out, which answers first unless the adapter is stuck."""
+STOP_GUARD_NS = 3_000_000_000
+"""A stop that is not confirmed within this is reported as such."""
+
+
+def seconds(value: float) -> int:
+    """Convert seconds to ns."""
+    return round(value * 1e9)
+
+
+@dataclass(slots=True, kw_only=True)
+class Work:
+    """What one event sets going: the commands so far, on top of what the core remembers."""
+
+    rig: Rig
+    config: Config
+    memory: Memory
+    t_ns: int = 0
+    out: list[cmd.Command] = field(default_factory=list)
+
+    def _new_id(self) -> int:
+        number = self.memory.next_id
+        self.memory.next_id += 1
+        return number
+
+    def move(self, target: HeadReading) -> None:
+        """Move the head; replaces whatever it was asked before.
+
+        Raises
+        ------
+        GeometryError
+            When the target is outside the limits: planning must not ask for that.
+        """
+        limits = self.memory.limits
+        if limits is None or not limits.contains(target):
+            raise GeometryError(
+                f"move to pan {target.pan_deg:.3f}°, tilt {target.tilt_deg:.3f}°, zoom {target.zoom:.0f} "
+                f"is outside the limits {limits}"
+            )
+        number = self._new_id()
+        until = self.t_ns + seconds(self.config.ptz.move_timeout_s) + MOVE_GUARD_NS
+        self.memory.head = HeadWork(kind=Awaited.MOVE, id=number, until_ns=until)
+        self.out.append(cmd.MoveHead(move_id=number, target=target))
+
+    def grab(self) -> None:
+        """Ask for a picture taken at rest from now on."""
+        number = self._new_id()
+        self.memory.head = HeadWork(kind=Awaited.GRAB, id=number, until_ns=self.t_ns + GRAB_GUARD_NS)
+        self.out.append(cmd.GrabView(grab_id=number, not_before_ns=self.t_ns))
+
+    def match(
+        self,
+        *,
+        request_id: str,
+        frame: FrameRef,
+        box: Box,
+        view: ViewRef,
+        view_index: int,
+        inverse_range: tuple[float, float],
+        band_rad: float,
+    ) -> None:
+        """Ask for a match of a region in a view."""
+        number = self._new_id()
+        self.memory.matches.append(MatchWork(id=number, view=view_index, until_ns=self.t_ns + MATCH_GUARD_NS))
+        search = self.config.search
+        self.out.append(
+            cmd.RunMatch(
+                match_id=number,
+                request_id=request_id,
+                frame=frame,
+                box=box,
+                view=view,
+                inverse_range=inverse_range,
+                band_rad=band_rad,
+                matcher=search.matcher,
+                seed=search.seed,
+            )
+        )
+
+    def stop(self) -> None:
+        """Stop the head; nothing new starts until it is confirmed."""
+        self.memory.head = None
+        self.memory.stop_until_ns = self.t_ns + STOP_GUARD_NS
+        self.out.append(cmd.StopHead())
+
+    def abandon(self) -> None:
+        """Forget what is under way; late answers are ignored by their id."""
+        self.memory.head = None
+        if self.memory.matches:
+            self.memory.matches.clear()
+            self.out.append(cmd.AbandonMatches())
+
+    def answers_head(self, kind: Awaited, number: int) -> bool:
+        """Whether this is the answer the core waits for; if so, it waits no more."""
+        head = self.memory.head
+        if head is None or head.kind is not kind or head.id != number:
+            return False
+        self.memory.head = None
+        return True
+
+    def answers_match(self, number: int) -> MatchWork | None:
+        """Take the match of this id off the list, None when it was abandoned."""
+        for work in self.memory.matches:
+            if work.id == number:
+                self.memory.matches.remove(work)
+                return work
+        return None
+
+    def feedback(self, step: str, **detail: object) -> None:
+        """Tell the client of the active request about one step."""
+        if self.memory.active is not None:
+            self.out.append(cmd.PublishFeedback(id=self.memory.active.request.id, step=step, detail=detail))

@@ -1,0 +1,1 @@
+"""The shell around the core: the pump, the perception worker, readiness and watchdog."""

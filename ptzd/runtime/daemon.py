@@ -1,0 +1,173 @@
+"""The daemon: one pump, two watched devices, the bus, and a clean end."""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from ptzd.config import Config
+from ptzd.control import events as ev
+from ptzd.control.machine import RING_FRAMES, Machine
+from ptzd.errors import DeviceError
+from ptzd.geometry.rig import Rig
+from ptzd.model import HeadReading, Motion
+from ptzd.ports import Bus, Clock, EventLog, FrameSource, HeadPoll, Perception, Picture, PtzHead
+from ptzd.runtime.frames import FrameStore
+from ptzd.runtime.hands import Hands
+from ptzd.runtime.overlays import Overlays
+from ptzd.runtime.pump import Observer, Pump
+from ptzd.runtime.watch import FisheyeWatch, HeadWatch
+
+SPARE_FRAMES = 32
+"""The store holds a few more frames than the core's ring, so that what the core accepts is certainly here."""
+STOP_WITHIN_S = 4.5
+"""The head's stop is confirmed within 3 s or reported as not confirmed; the whole end takes at most 5 s."""
+
+
+class Daemon:
+    """Wires a core to its ports and runs until told to stop.
+
+    Parameters
+    ----------
+    rig, config
+        Calibration and settings.
+    clock, fisheye, head, bus, log, perception
+        The world; already opened by whoever composes the daemon.
+    ready : callable
+        Called once, when requests can be served.
+    """
+
+    def __init__(
+        self,
+        *,
+        rig: Rig,
+        config: Config,
+        clock: Clock,
+        fisheye: FrameSource,
+        head: PtzHead,
+        bus: Bus,
+        log: EventLog,
+        perception: Perception,
+        ready: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._rig = rig
+        self._bus = bus
+        self._log = log
+        self._clock = clock
+        self._ready = ready
+        self.frames = FrameStore(RING_FRAMES + SPARE_FRAMES)
+        self.overlays = Overlays(rig=rig, log=log, bus=bus, frames=self.frames)
+        machine = Machine(rig, config)
+        observers = (Observer(seen=self.overlays.seen), Observer(seen=self._watch_readiness))
+        self.pump = Pump(machine=machine, clock=clock, log=log, bus=bus, frames=self.frames, observers=observers)
+        self.fisheye_watch = FisheyeWatch(
+            source=fisheye,
+            tell=self.pump.tell,
+            frames=self.frames,
+            log=log,
+            size_px=rig.fisheye.size_px,
+            every_n=config.log.fisheye_every_n,
+            shown=self._show_fisheye,
+        )
+        self.head_watch = HeadWatch(
+            head=head, tell=self.pump.tell, log=log, polled=self._publish_pose, shown=self._show_ptz
+        )
+        self.pump.hands = Hands(
+            tell=self.pump.tell,
+            lost=self._head_lost,
+            head=head,
+            perception=perception,
+            frames=self.frames,
+            log=log,
+        )
+
+    async def run(self, stop: asyncio.Event) -> None:
+        """Serve until ``stop`` is set; then every request gets its result and the head stops."""
+        self._log.rotate(self.pump.machine.snapshot(self._clock.now_ns()))
+        tasks = [
+            asyncio.create_task(self.fisheye_watch.run(), name="fisheye"),
+            asyncio.create_task(self.head_watch.run(), name="head"),
+            asyncio.create_task(self._listen(), name="bus"),
+        ]
+        stopping = asyncio.create_task(stop.wait(), name="stop")
+        try:
+            done, _ = await asyncio.wait([stopping, *tasks], return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                task.result()
+        finally:
+            await self._end([stopping, *tasks])
+
+    async def _end(self, tasks: Sequence[asyncio.Task[Any]]) -> None:
+        self.pump.tell(lambda t_ns: ev.ShutdownRequested(t_ns=t_ns))
+        try:
+            async with asyncio.timeout(STOP_WITHIN_S):
+                await self.pump.finished.wait()
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+            if self.pump.hands is not None:
+                await self.pump.hands.close()
+            self.pump.close()
+
+    async def _listen(self) -> None:
+        async for event in self._bus.events():
+            self._tell_arrived(event)
+
+    def _tell_arrived(self, event: ev.Event) -> None:
+        self.pump.tell(lambda t_ns: dataclasses.replace(event, t_ns=t_ns))
+
+    def _head_lost(self, error: DeviceError) -> None:
+        self.head_watch.report_lost(error)
+
+    def _watch_readiness(self, sequence: int, event: ev.Event, commands: object) -> None:
+        del sequence, event, commands
+        if self.pump.machine.state is not self.pump.machine.state.STARTING:
+            ready, self._ready = self._ready, lambda: None
+            ready()
+
+    def pose_document(self, poll: HeadPoll) -> dict[str, object]:
+        """The pose as the bus key ``pose`` and the log topic ``/pose`` show it: calibrated head frame, deg."""
+        reading = poll.reading
+        pan, tilt = self._rig.head.pan_tilt_from_vapix(reading)
+        low, high = self._rig.zoom.zoom_range
+        calibrated = low <= reading.zoom <= high
+        hfov = math.degrees(self._rig.zoom.camera_at(reading.zoom).hfov_rad) if calibrated else None
+        uncertainty = self._rig.uncertainty
+        document: dict[str, object] = {
+            "t_ns": poll.t_ns,
+            "pan_deg": round(math.degrees(pan), 4),
+            "tilt_deg": round(math.degrees(tilt), 4),
+            "zoom": reading.zoom,
+            "moving": poll.motion is not Motion.STABLE,
+            "motion": poll.motion.value,
+            "sigma_deg": 0.0 if uncertainty is None else round(math.degrees(uncertainty.head_rad), 4),
+        }
+        return document if hfov is None else {**document, "hfov_deg": round(hfov, 4)}
+
+    def _publish_pose(self, poll: HeadPoll) -> None:
+        document = self.pose_document(poll)
+        self._bus.publish("pose", document)
+        self._log.document("/pose", poll.t_ns, document)
+
+    def _show_fisheye(self, picture: Picture) -> None:
+        if self._bus.image_wanted("image/fisheye"):
+            width, height = self._rig.fisheye.size_px
+            self._bus.publish_image("image/fisheye", picture.jpeg, _attachment(picture, width, height))
+
+    def _show_ptz(self, picture: Picture, reading: HeadReading, motion: Motion) -> None:
+        self.overlays.show_ptz(picture)
+        if not self._bus.image_wanted("image/ptz"):
+            return
+        width, height = self._rig.zoom.size_px
+        pan, tilt = self._rig.head.pan_tilt_from_vapix(reading)
+        attachment = _attachment(picture, width, height)
+        attachment |= {"pan_deg": math.degrees(pan), "tilt_deg": math.degrees(tilt), "zoom": reading.zoom}
+        self._bus.publish_image("image/ptz", picture.jpeg, attachment | {"motion": motion.value})
+
+
+def _attachment(picture: Picture, width: int, height: int) -> dict[str, object]:
+    return {"seq": picture.frame.seq, "t_capture_ns": picture.frame.t_capture_ns, "w": width, "h": height}

@@ -1,0 +1,66 @@
+"""The perception worker: one thread that decodes and matches, so that the loop never waits for arithmetic."""
+
+from __future__ import annotations
+
+import asyncio
+from concurrent.futures import ThreadPoolExecutor
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ptzd.control.commands import RunMatch
+from ptzd.geometry.rig import Rig
+from ptzd.matching.job import MatchInputs, decode_grey, match
+from ptzd.model import MatchResult
+
+
+class ThreadPerception:
+    """Runs one match after the other in a thread of its own.
+
+    Parameters
+    ----------
+    rig : Rig
+        The calibration.
+    """
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig = rig
+        self._executor = ThreadPoolExecutor(max_workers=1, thread_name_prefix="perception")
+        self._decoded: tuple[bytes, NDArray[np.uint8]] | None = None
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await asyncio.to_thread(self._executor.shutdown, cancel_futures=True)
+
+    async def match(self, job: RunMatch, fisheye_jpeg: bytes, view_jpeg: bytes) -> MatchResult:
+        """Run one match; see :class:`ptzd.ports.Perception`."""
+        loop = asyncio.get_running_loop()
+        return await loop.run_in_executor(self._executor, self.match_now, job, fisheye_jpeg, view_jpeg)
+
+    def match_now(self, job: RunMatch, fisheye_jpeg: bytes, view_jpeg: bytes) -> MatchResult:
+        """Do the same in the calling thread: what replay and ``ptzd locate`` use."""
+        return match(
+            MatchInputs(
+                fisheye_grey=self._fisheye(fisheye_jpeg),
+                view_grey=decode_grey(view_jpeg),
+                rig=self._rig,
+                box=job.box,
+                reading=job.view.reading,
+                inverse_range=job.inverse_range,
+                band_rad=job.band_rad,
+                seed=job.seed,
+            ),
+            job.matcher,
+        )
+
+    def _fisheye(self, jpeg: bytes) -> NDArray[np.uint8]:
+        """Decode a fisheye frame; views of one scan share it, so the last one is kept."""
+        if self._decoded is None or self._decoded[0] != jpeg:
+            self._decoded = (jpeg, decode_grey(jpeg))
+        return self._decoded[1]

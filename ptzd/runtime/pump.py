@@ -1,0 +1,126 @@
+"""The pump: stamp → log → handle → log → perform → re-arm. No decision is taken here."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ptzd.control import commands as cmd
+from ptzd.control import events as ev
+from ptzd.control.machine import Machine
+from ptzd.ports import Bus, Clock, EventLog
+from ptzd.runtime.frames import FrameStore
+from ptzd.runtime.hands import Hands
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Observer:
+    """Somebody who is shown every event and command after it was handled, e.g. annotations and metrics."""
+
+    seen: Callable[[int, ev.Event, list[cmd.Command]], None]
+
+
+class Pump:
+    """Feeds one core and performs what it wants.
+
+    Parameters
+    ----------
+    machine : Machine
+        The core.
+    clock, log, bus, frames
+        The world as ports; ``frames`` holds the pictures.
+    observers : tuple of Observer
+        Shown every step, after the commands were written.
+    """
+
+    def __init__(
+        self,
+        *,
+        machine: Machine,
+        clock: Clock,
+        log: EventLog,
+        bus: Bus,
+        frames: FrameStore,
+        observers: tuple[Observer, ...] = (),
+    ) -> None:
+        self.machine = machine
+        self.finished = asyncio.Event()
+        self.hands: Hands | None = None
+        self._clock = clock
+        self._log = log
+        self._bus = bus
+        self._frames = frames
+        self._observers = observers
+        self._waiting: deque[Callable[[int], ev.Event]] = deque()
+        self._draining = False
+        self._sequence = 0
+        self._timer: asyncio.TimerHandle | None = None
+
+    def tell(self, make: Callable[[int], ev.Event]) -> None:
+        """Tell the core something; ``make`` gets the stamp.
+
+        Calls from within a performed command wait until that command's siblings are performed: the order of events is
+        the order in which they were told.
+        """
+        self._waiting.append(make)
+        if self._draining:
+            return
+        self._draining = True
+        try:
+            while self._waiting:
+                self._step(self._waiting.popleft()(self._clock.now_ns()))
+        finally:
+            self._draining = False
+        self._arm()
+
+    def close(self) -> None:
+        """No deadline fires after this."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _step(self, event: ev.Event) -> None:
+        self._sequence += 1
+        self._log.event(self._sequence, event)
+        commands = self.machine.handle(event)
+        for command in commands:
+            self._log.command(self._sequence, event.t_ns, command)
+        for command in commands:
+            self._perform(command)
+        for observer in self._observers:
+            observer.seen(self._sequence, event, commands)
+        if self._log.rotate_due():
+            self._log.rotate(self.machine.snapshot(event.t_ns))
+
+    def _perform(self, command: cmd.Command) -> None:
+        match command:
+            case cmd.PinFrame():
+                picture = self._frames.pin(command.request_id, command.frame)
+                if picture is not None:
+                    self._log.picture("/fisheye/image", picture)
+            case cmd.ReleaseFrames():
+                self._frames.release(command.request_id)
+            case cmd.Finished():
+                self.finished.set()
+            case cmd.MoveHead() | cmd.StopHead() | cmd.GrabView() | cmd.RunMatch() | cmd.AbandonMatches():
+                if self.hands is not None:
+                    self.hands.perform(command)
+            case _:
+                self._bus.perform(command)
+
+    def _arm(self) -> None:
+        self.close()
+        deadline = self.machine.deadline_ns()
+        if deadline is None:
+            return
+        loop = asyncio.get_running_loop()
+        wait_s = max(deadline - self._clock.now_ns(), 0) / 1e9
+        self._timer = loop.call_later(wait_s, self._on_timer, deadline)
+
+    def _on_timer(self, deadline: int) -> None:
+        if self._clock.now_ns() < deadline:
+            self._arm()
+        else:
+            self.tell(lambda t_ns: ev.DeadlinePassed(t_ns=t_ns))
