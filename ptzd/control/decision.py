@@ -1,0 +1,169 @@
+"""From what the matcher says of every view to one honest answer: where the region is, or why nobody can tell."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from ptzd.model import Candidate, Matcher, MatchResult
+
+LEAST_TEXTURE = 1.0
+"""Below it the region is noise."""
+
+
+class Verdict(StrEnum):
+    """What can be said of a region after all views so far."""
+
+    FOUND = "found"
+    AMBIGUOUS = "ambiguous"
+    NOT_FOUND = "not_found"
+    NO_TEXTURE = "no_texture"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Thresholds:
+    """When an answer is believed."""
+
+    accept_probability: float = 0.8
+    """At or above it the best candidate counts as found."""
+    rival_share: float = 0.85
+    """A second place with this share of the best score makes an unbelieved answer ambiguous instead of not found."""
+    same_place_rad: float = math.radians(0.6)
+    """Candidates of different views closer than this, and closer than 4 sigma, are one place."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rival:
+    """A candidate and the view that shows it."""
+
+    view: int
+    candidate: Candidate
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Decision:
+    """One answer over all views."""
+
+    outcome: Verdict
+    probability: float
+    """That the best candidate is within 1° of the region; 0 without a candidate."""
+    best: Candidate | None
+    view: int | None
+    """Index of the view that shows the best candidate."""
+    rivals: tuple[Rival, ...]
+    """The other separate places, best first."""
+    reason: str
+    """One sentence for a person."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Model:
+    """Logistic model of a candidate's chance to be right.
+
+    ``log-odds = bias + score (S) + margin (S - S₂) + blur log10(σ / 0.05°) + hidden (1 - in_view)`` with S the score
+    and S₂ that of the best separate rival.
+    """
+
+    bias: float
+    score: float
+    margin: float
+    blur: float
+    hidden: float
+
+    def probability(self, best: Candidate, rival_score: float) -> float:
+        """Chance in (0, 1) that the candidate is within 1° of the region."""
+        sigma_deg = max(math.degrees(best.sigma_rad), 0.01)
+        odds = (
+            self.bias
+            + self.score * best.score
+            + self.margin * (best.score - max(rival_score, 0.0))
+            + self.blur * math.log10(sigma_deg / 0.05)
+            + self.hidden * (1.0 - best.in_view)
+        )
+        return 1.0 / (1.0 + math.exp(-min(max(odds, -30.0), 30.0)))
+
+
+MODELS = {
+    Matcher.SWEEP: Model(bias=-8.0, score=12.0, margin=10.0, blur=-1.0, hidden=-1.0),
+    Matcher.HARRIS: Model(bias=-4.0, score=5.0, margin=5.0, blur=-1.0, hidden=0.0),
+}
+"""Fitted by ``python -m tests.bench.accuracy --fit`` on the scene ``room``."""
+
+
+def decide(results: Sequence[tuple[int, MatchResult]], thresholds: Thresholds) -> Decision:
+    """Decide where a region is.
+
+    Parameters
+    ----------
+    results : sequence of (int, MatchResult)
+        Index of the view and what the matcher says of it; all of one region and one matcher.
+    thresholds : Thresholds
+        When to believe.
+
+    Returns
+    -------
+    Decision
+        ``no_texture`` when no view saw texture in the region; ``found`` at or above the accepted probability; otherwise
+        ``ambiguous`` when several places or one uncertain place look alike, and ``not_found``. The best candidate comes
+        along in every case that has one.
+    """
+    if results and max(result.texture for _, result in results) < LEAST_TEXTURE:
+        return _without_candidate(Verdict.NO_TEXTURE, "the region has no texture above the picture's noise")
+    places = _places(results, thresholds)
+    if not places:
+        return _without_candidate(Verdict.NOT_FOUND, f"no place in {len(results)} view(s) looks like the region")
+    best, rivals = places[0], tuple(places[1:])
+    rival_score = rivals[0].candidate.score if rivals else 0.0
+    probability = MODELS[results[0][1].matcher].probability(best.candidate, rival_score)
+    outcome, reason = _verdict(probability, best.candidate, rival_score, thresholds)
+    return Decision(
+        outcome=outcome,
+        probability=probability,
+        best=best.candidate,
+        view=best.view,
+        rivals=rivals,
+        reason=reason,
+    )
+
+
+def _verdict(probability: float, best: Candidate, rival_score: float, thresholds: Thresholds) -> tuple[Verdict, str]:
+    told = f"probability {probability:.2f}, accepted from {thresholds.accept_probability:.2f}"
+    if probability >= thresholds.accept_probability:
+        return Verdict.FOUND, told
+    if best.score > 0.3 and rival_score >= thresholds.rival_share * best.score:
+        return Verdict.AMBIGUOUS, f"two places look alike (scores {best.score:.2f} and {rival_score:.2f}): {told}"
+    if probability >= 0.5 * thresholds.accept_probability:
+        return Verdict.AMBIGUOUS, f"one place looks somewhat like the region (score {best.score:.2f}): {told}"
+    return Verdict.NOT_FOUND, f"the best place does not look like the region (score {best.score:.2f}): {told}"
+
+
+def _without_candidate(outcome: Verdict, reason: str) -> Decision:
+    return Decision(outcome=outcome, probability=0.0, best=None, view=None, rivals=(), reason=reason)
+
+
+def _places(results: Sequence[tuple[int, MatchResult]], thresholds: Thresholds) -> list[Rival]:
+    """Return the separate places, best first; of what overlapping views show of one place, the best stays."""
+    everything = [Rival(view=view, candidate=item) for view, result in results for item in result.candidates]
+    everything.sort(key=lambda rival: (-rival.candidate.score, rival.view))
+    places: list[Rival] = []
+    for rival in everything:
+        if not any(_same_place(rival, other, thresholds) for other in places):
+            places.append(rival)
+    return places
+
+
+def _same_place(one: Rival, other: Rival, thresholds: Thresholds) -> bool:
+    if one.view == other.view:
+        return False
+    sigma = math.hypot(one.candidate.sigma_rad, other.candidate.sigma_rad)
+    apart = _angle(one.candidate, other.candidate)
+    return apart < max(thresholds.same_place_rad, min(4.0 * sigma, 2.0 * thresholds.same_place_rad))
+
+
+def _angle(one: Candidate, other: Candidate) -> float:
+    """Angle between two directions, rad (haversine, accurate for small angles)."""
+    half = math.sin((one.tilt_rad - other.tilt_rad) / 2.0) ** 2
+    half += math.cos(one.tilt_rad) * math.cos(other.tilt_rad) * math.sin((one.pan_rad - other.pan_rad) / 2.0) ** 2
+    return 2.0 * math.asin(math.sqrt(min(half, 1.0)))

@@ -1,0 +1,135 @@
+"""Places under search, and what both matchers ask of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ptzd.matching.arrays import Floats, Index, Mask
+from ptzd.matching.hypotheses import bearings, sample_inverse_ranges, sample_offsets, warps
+
+if TYPE_CHECKING:
+    from ptzd.geometry.arc import EpipolarArc
+    from ptzd.geometry.types import Array
+    from ptzd.matching.inputs import MatchInputs
+    from ptzd.matching.patch import Patch
+    from ptzd.matching.view import WorkingView
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """Where k candidates are."""
+
+    planes: Array
+    """(k, 3) N of the paper's equation (6)."""
+    offset: Array
+    """(k,) across the arc, rad."""
+    roll: Array
+    """(k,) about the line of sight, rad: the part of a wrong rotation that is neither along nor across."""
+
+    def warps(self, arc: EpipolarArc) -> Array:
+        """Return the maps (k, 3, 3) from pre-rotated fisheye rays to head-frame directions."""
+        return warps(arc, self.planes, self.offset, self.roll)
+
+    def bearings(self, arc: EpipolarArc) -> Array:
+        """Return the head-frame directions (k, 3) of the box's centre."""
+        return bearings(arc, self.planes, self.offset)
+
+    def take(self, index: Index) -> Place:
+        """Return some of the candidates."""
+        return Place(planes=self.planes[index], offset=self.offset[index], roll=self.roll[index])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Grid:
+    """Hypotheses along and across the arc, those whose centre is in the view."""
+
+    place: Place
+    """Facing the fisheye, no roll."""
+    shape: tuple[int, int]
+    """Number of inverse ranges and of offsets of the whole grid."""
+    cell: Index
+    """(k,) index of each hypothesis in the whole grid, flat."""
+    coverage: tuple[float, float]
+    """Interval of inverse range in view; (0, 0) when none."""
+
+
+def make_grid(inputs: MatchInputs, arc: EpipolarArc, patch: Patch, view: WorkingView, step_rad: float) -> Grid:
+    """Lay hypotheses so densely that neighbours differ by less than a step at the centre and the corners."""
+    rows, columns = patch.shape
+    corners = patch.rays.reshape(rows, columns, 3)[[0, 0, -1, -1], [0, -1, 0, -1]].astype(np.float64)
+    probes = np.vstack([arc.rotated, corners])
+    ranges = sample_inverse_ranges(probes, arc.translation, inputs.inverse_range, step_rad)
+    offsets = sample_offsets(inputs.band_rad, step_rad)
+    inverse_range, offset = (part.ravel() for part in np.meshgrid(ranges, offsets, indexing="ij"))
+    place = Place(planes=inverse_range[:, None] * arc.rotated, offset=offset, roll=np.zeros_like(offset))
+    cell = np.flatnonzero(_centre_in_view(view, place.bearings(arc)))
+    seen = inverse_range[cell]
+    coverage = (float(seen.min()), float(seen.max())) if len(cell) else (0.0, 0.0)
+    return Grid(place=place.take(cell), shape=(len(ranges), len(offsets)), cell=cell, coverage=coverage)
+
+
+def peaks(grid: Grid, scores: Floats, arc: EpipolarArc, distance_rad: float, most: int) -> Index:
+    """Return the hypotheses that are local maxima and further apart than a distance, best first.
+
+    Parameters
+    ----------
+    grid : Grid
+        With k hypotheses.
+    scores : float (k,)
+        -inf leaves a hypothesis out.
+    arc : EpipolarArc
+        Of the box's centre.
+    distance_rad : float
+        Least angle between two.
+    most : int
+        Greatest number returned.
+    """
+    table = np.full(grid.shape[0] * grid.shape[1], -np.inf)
+    table[grid.cell] = scores
+    table = table.reshape(grid.shape)
+    padded = np.pad(table, 1, constant_values=-np.inf)
+    rows, columns = grid.shape
+    around = np.stack([padded[i : i + rows, j : j + columns] for i in range(3) for j in range(3)])
+    top = (table >= around.max(axis=0)) & np.isfinite(table)
+    candidates = np.flatnonzero(top.ravel()[grid.cell])
+    chosen = separate(grid.place.take(candidates), scores[candidates], arc, distance_rad, most)
+    return candidates[chosen]
+
+
+def separate(place: Place, scores: Floats, arc: EpipolarArc, distance_rad: float, most: int) -> Index:
+    """Return the best candidates that lie further apart than a distance, best first.
+
+    On a degenerate arc (the box's centre at the epipole) every range has the same direction: there it is one place.
+    """
+    directions = place.bearings(arc)
+    chosen: list[int] = []
+    for index in np.argsort(-scores, kind="stable"):
+        if not chosen or np.linalg.norm(directions[chosen] - directions[index], axis=1).min() > distance_rad:
+            chosen.append(int(index))
+        if len(chosen) == most:
+            break
+    return np.array(chosen, dtype=np.intp)
+
+
+def box_in_view(inputs: MatchInputs, place: Place, arc: EpipolarArc) -> list[tuple[tuple[float, float], ...]]:
+    """Return the box's corners through each candidate's homography, px of the view."""
+    fisheye = inputs.rig.fisheye
+    rays, valid = fisheye.lift(np.array(inputs.box.corners))
+    rays = np.where(valid[:, None], rays, fisheye.lift(np.array(inputs.box.centre))[0])
+    rotated = rays @ inputs.rig.head_from_fisheye_rotation.T
+    boxes = []
+    for matrix in place.warps(arc):
+        pixels, _ = inputs.rig.project_to_view(rotated @ matrix.T, inputs.reading)
+        boxes.append(tuple((float(x), float(y)) for x, y in pixels))
+    return boxes
+
+
+def _centre_in_view(view: WorkingView, directions: Array) -> Mask:
+    homogeneous = directions @ view.pixels_from_head.T
+    in_front = homogeneous[:, 2] > 1e-6
+    pixels = homogeneous[:, :2] / np.where(in_front, homogeneous[:, 2], 1.0)[:, None]
+    size = np.array(view.image.shape[::-1])
+    return np.asarray(in_front & (pixels >= -0.5).all(axis=1) & (pixels <= size - 0.5).all(axis=1))
