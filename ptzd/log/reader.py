@@ -1,0 +1,278 @@
+"""Read a log in the order in which it was written."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self, cast
+
+import msgspec
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Metadata
+
+from ptzd.control.commands import Command
+from ptzd.control.events import Event
+from ptzd.errors import LogError
+from ptzd.log.codec import decode_command, decode_event
+from ptzd.log.file import U32
+from ptzd.log.protobuf import decode_image
+from ptzd.log.records import (
+    MESSAGE_HEAD_BYTES,
+    Frame,
+    MessageHead,
+    RecordFile,
+    Torn,
+    inner_frames,
+    message_head,
+)
+from ptzd.log.run import CALIBRATION, CONFIG, METADATA, RunInfo, run_info
+from ptzd.log.topics import COMMAND, EVENT, IMAGES
+from ptzd.model import FrameRef
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Entry:
+    """One message as it lies in the file."""
+
+    topic: str
+    sequence: int
+    """Modulo 2³²; of pictures the stream's counter."""
+    log_ns: int
+    publish_ns: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoggedEvent:
+    """What the core was told."""
+
+    sequence: int
+    event: Event
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoggedCommand:
+    """What the core answered to the event of this sequence number."""
+
+    sequence: int
+    t_ns: int
+    command: Command
+
+
+class _Body(msgspec.Struct, frozen=True):
+    """Document of ``/event`` and ``/command``."""
+
+    sequence: int
+    t_ns: int
+    name: str
+    body: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Where a message's data lies."""
+
+    frame: Frame
+    start: int
+    """Inside the chunk, or inside the record when it lies outside of any."""
+    end: int
+
+
+_Found = tuple[str, MessageHead, Frame, memoryview, int, int]
+"""Topic, head, outer record, bytes, start and end of the data in them."""
+
+
+class LogReader:
+    """One log file; use as a context manager.
+
+    Parameters
+    ----------
+    path : Path
+        A ``.mcap`` file, or a ``.mcap.active`` one with ``torn_ok``.
+    torn_ok : bool
+        Take the last whole record for the end, as in a file that is still being written.
+    """
+
+    def __init__(self, path: Path, *, torn_ok: bool = False) -> None:
+        self.path = path
+        self._torn_ok = torn_ok
+        self._file = RecordFile(path)
+        self._attachments: dict[str, bytes] = {}
+        self._metadata: dict[str, dict[str, str]] = {}
+        self._pictures: dict[tuple[str, int, int], _Place] | None = None
+        self._chunk: tuple[int, memoryview] = (-1, memoryview(b""))
+
+    def __enter__(self) -> Self:
+        self._file.__enter__()
+        try:
+            self._read_head()
+        except BaseException:
+            self._file.close()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+
+    def _frames(self) -> Iterator[Frame]:
+        try:
+            yield from self._file.frames()
+        except Torn:
+            if not self._torn_ok:
+                raise
+
+    def _read_head(self) -> None:
+        """What stands before the first chunk."""
+        for frame in self._frames():
+            if frame.opcode == Opcode.METADATA:
+                metadata = self._file.parse(frame, Metadata.read)
+                self._metadata[metadata.name] = metadata.metadata
+            elif frame.opcode == Opcode.ATTACHMENT:
+                attachment = self._file.parse(frame, Attachment.read)
+                self._attachments[attachment.name] = attachment.data
+            elif frame.opcode != Opcode.HEADER:
+                break
+
+    @property
+    def run(self) -> RunInfo:
+        """Who wrote the file, with what.
+
+        Raises
+        ------
+        LogError
+            Not a log of ptzd, or its head contradicts itself.
+        """
+        if METADATA not in self._metadata:
+            raise LogError(f"{self.path}: no log of ptzd: the metadata record {METADATA} is missing")
+        try:
+            return run_info(self._metadata[METADATA], self.attachment(CONFIG), self.attachment(CALIBRATION))
+        except LogError as error:
+            raise LogError(f"{self.path}: {error}") from None
+
+    def attachment(self, name: str) -> str:
+        """Text of an attachment at the head of the file.
+
+        Raises
+        ------
+        LogError
+            None of this name, or no text.
+        """
+        if name not in self._attachments:
+            raise LogError(f"{self.path}: no attachment {name}; there are {', '.join(self._attachments) or 'none'}")
+        try:
+            return self._attachments[name].decode()
+        except UnicodeDecodeError as error:
+            raise LogError(f"{self.path}: attachment {name}: {error}") from None
+
+    def entries(self, topics: Collection[str] | None = None) -> Iterator[Entry]:
+        """Messages in write order, of these topics or of all.
+
+        Raises
+        ------
+        Torn
+            Behind the last whole message of a file without its end (unless ``torn_ok``).
+        LogError
+            The file is damaged; the message names the byte.
+        """
+        for topic, head, _, data, start, end in self._messages(topics):
+            yield Entry(
+                topic=topic,
+                sequence=head.sequence,
+                log_ns=head.log_ns,
+                publish_ns=head.publish_ns,
+                data=bytes(data[start:end]),
+            )
+
+    def decisions(self) -> Iterator[LoggedEvent | LoggedCommand]:
+        """Events and commands in write order; errors as for :meth:`entries`, and for bodies that cannot be decoded."""
+        version = self.run.schema
+        for topic, _, frame, data, start, end in self._messages((EVENT, COMMAND)):
+            try:
+                held = msgspec.json.decode(data[start:end], type=_Body)
+            except (msgspec.DecodeError, UnicodeDecodeError) as error:
+                raise self._file.damage(frame, f"{topic}: {error}") from None
+            if topic == EVENT:
+                yield LoggedEvent(sequence=held.sequence, event=decode_event(held.name, held.body, version))
+            else:
+                command = decode_command(held.name, held.body, version)
+                yield LoggedCommand(sequence=held.sequence, t_ns=held.t_ns, command=command)
+
+    def picture(self, topic: str, frame: FrameRef) -> bytes:
+        """Bytes of a picture as the camera sent it.
+
+        Parameters
+        ----------
+        topic : str
+            ``/fisheye/image`` or ``/ptz/image``.
+        frame : FrameRef
+            Which picture of that stream.
+
+        Raises
+        ------
+        LogError
+            The picture is not in this file, or the file is damaged.
+        """
+        place = self._index().get((topic, frame.seq & U32, frame.t_capture_ns))
+        if place is None:
+            raise LogError(f"{self.path}: {topic} has no picture {frame.seq} of {frame.t_capture_ns} ns")
+        return decode_image(bytes(self._content(place.frame)[place.start : place.end])).data
+
+    def _index(self) -> dict[tuple[str, int, int], _Place]:
+        if self._pictures is None:
+            self._pictures = {
+                (topic, head.sequence, head.publish_ns): _Place(frame, start, end)
+                for topic, head, frame, _, start, end in self._messages(IMAGES)
+            }
+        return self._pictures
+
+    def _content(self, frame: Frame) -> memoryview:
+        """Bytes that a place counts in; the last chunk is remembered, as pictures are asked for in order."""
+        if self._chunk[0] != frame.start:
+            chunked = frame.opcode == Opcode.CHUNK
+            data = self._file.chunk(frame).data if chunked else memoryview(self._file.body(frame))
+            self._chunk = (frame.start, data)
+        return self._chunk[1]
+
+    def _messages(self, topics: Collection[str] | None) -> Iterator[_Found]:
+        names: dict[int, str] = {}
+        for frame in self._frames():
+            if frame.opcode == Opcode.CHUNK:
+                yield from self._chunk_messages(frame, names, topics)
+            elif frame.opcode == Opcode.CHANNEL:
+                self._name(frame, self._file.body(frame), names)
+            elif frame.opcode == Opcode.MESSAGE:
+                data = memoryview(self._file.body(frame))
+                if len(data) < MESSAGE_HEAD_BYTES:
+                    raise self._file.damage(frame, f"a message of {len(data)} bytes")
+                head = message_head(data)
+                topic = self._topic(frame, head, names)
+                if topics is None or topic in topics:
+                    yield topic, head, frame, data, MESSAGE_HEAD_BYTES, len(data)
+
+    def _chunk_messages(self, frame: Frame, names: dict[int, str], topics: Collection[str] | None) -> Iterator[_Found]:
+        data = self._file.chunk(frame).data
+        try:
+            records = list(inner_frames(data))
+        except ValueError as error:
+            raise self._file.damage(frame, str(error)) from None
+        for record in records:
+            if record.opcode == Opcode.CHANNEL:
+                self._name(frame, data[record.body : record.end], names)
+            elif record.opcode == Opcode.MESSAGE:
+                head = message_head(data, record.body)
+                topic = self._topic(frame, head, names)
+                if topics is None or topic in topics:
+                    yield topic, head, frame, data, record.body + MESSAGE_HEAD_BYTES, record.end
+
+    def _name(self, frame: Frame, data: bytes | memoryview, names: dict[int, str]) -> None:
+        channel = cast("Channel", self._file.parse_bytes(frame, data, Channel.read))
+        names[channel.id] = channel.topic
+
+    def _topic(self, frame: Frame, head: MessageHead, names: dict[int, str]) -> str:
+        if head.channel_id not in names:
+            raise self._file.damage(frame, f"a message of channel {head.channel_id}, which was never described")
+        return names[head.channel_id]

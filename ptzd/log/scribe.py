@@ -1,0 +1,345 @@
+"""The writer's thread: takes records from the inbox, owns the open file, and keeps going when the disk does not."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import msgspec
+
+from ptzd.config import LogSettings
+from ptzd.control.commands import Command
+from ptzd.control.events import Event, Snapshot
+from ptzd.errors import LogError, PtzdError
+from ptzd.log import retention
+from ptzd.log.file import McapFile
+from ptzd.log.foxglove import Level, log_message
+from ptzd.log.inbox import Cut, End, Inbox, Record
+from ptzd.log.protobuf import CompressedImage
+from ptzd.log.recover import recover
+from ptzd.log.run import RunInfo
+from ptzd.ports import Clock
+
+CHUNK_S = 0.4
+"""A record is readable after a crash this long after it came, and the time the thread needs (promised: 0.5 s)."""
+SYNC_S = 1.0
+RETENTION_S = 60.0
+MAX_HELD = 100_000
+"""Decisions kept in memory while there is no file to write to, about a quarter of an hour."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Document:
+    """A JSON message for viewers, derived from events and commands."""
+
+    topic: str
+    publish_ns: int
+    body: dict[str, object]
+
+
+Illustrate = Callable[[int, Event | Command], Iterable[Document]]
+"""From the time of a decision and the decision to documents for people; kept by the writer's thread alone."""
+
+
+def nothing(t_ns: int, source: Event | Command) -> Iterable[Document]:
+    """No illustration."""
+    return ()
+
+
+@dataclass(slots=True)
+class Counters:
+    """Written by the thread, read by anybody."""
+
+    messages: int = 0
+    """Given to a file; those that a failing disk took are given to the next one and count again."""
+    pictures: int = 0
+    pictures_dropped: int = 0
+    """Not written because the disk had no room."""
+    decisions_lost: int = 0
+    """Given up after :data:`MAX_HELD` waited in vain for a disk."""
+    bytes: int = 0
+    """Payload, of all files."""
+    files: int = 0
+
+
+class Scribe:
+    """Runs in one thread from :meth:`open` to the end of :meth:`run`.
+
+    Parameters
+    ----------
+    settings : LogSettings
+        Directory, rotation, retention.
+    run : RunInfo
+        Goes to the head of every file.
+    clock : Clock
+        For file names and messages of its own.
+    inbox : Inbox
+        Where records come from.
+    illustrate : Illustrate
+        Makes documents for viewers out of decisions.
+    """
+
+    def __init__(
+        self, settings: LogSettings, run: RunInfo, clock: Clock, inbox: Inbox, illustrate: Illustrate = nothing
+    ) -> None:
+        self._settings = settings
+        self._run = run
+        self._clock = clock
+        self._inbox = inbox
+        self._illustrate = illustrate
+        self._directory = Path(settings.directory)
+        self._file: McapFile | None = None
+        self._held: list[Record] = []
+        self._torn: list[Path] = []
+        self._opened_s = self._flushed_s = self._synced_s = self._retained_s = 0.0
+        self._room = True
+        self._decisions = 0
+        self._reported = (0, "")
+        self.counters = Counters()
+        self.degraded = ""
+        """Why not everything is written; empty when it is."""
+        self.headless = True
+        """The current file does not begin with a snapshot."""
+        self.cuts = 0
+        """How many cuts were taken from the inbox."""
+        self.ended = False
+
+    @property
+    def current(self) -> Path | None:
+        """Final name of the file being written."""
+        return self._file.path if self._file else None
+
+    @property
+    def size(self) -> int:
+        """Of the file being written, bytes."""
+        return self._file.size if self._file else 0
+
+    @property
+    def age_s(self) -> float:
+        """Of the file being written, s."""
+        return time.monotonic() - self._opened_s
+
+    def open(self) -> None:
+        """Begin a file.
+
+        Raises
+        ------
+        OSError
+            The disk refuses.
+        """
+        t_ns = self._clock.now_ns()
+        while True:
+            path = self._directory / retention.file_name(self._run.rig, t_ns, self.counters.files)
+            run = replace(self._run, file_index=self.counters.files)
+            self.counters.files += 1
+            if not path.exists():
+                break
+        file = McapFile(path, run, t_ns)
+        try:
+            file.open()
+        except OSError:
+            with contextlib.suppress(OSError):
+                file.abandon()
+            file.active.unlink(missing_ok=True)
+            raise
+        self._file = file
+        self.headless = True
+        self._decisions = 0
+        self._opened_s = self._flushed_s = self._synced_s = time.monotonic()
+
+    def run(self) -> None:
+        """Write until the inbox says that nothing more comes."""
+        try:
+            while not isinstance(item := self._inbox.take(self._patience_s()), End):
+                if isinstance(item, Record):
+                    self._take(item)
+                elif isinstance(item, Cut):
+                    self._cut()
+                self._tend()
+            self._end()
+        finally:
+            self.ended = True
+
+    def _patience_s(self) -> float:
+        due_s = self._flushed_s + CHUNK_S if self._held and self._file else self._synced_s + SYNC_S
+        return max(0.0, due_s - time.monotonic())
+
+    def _take(self, record: Record) -> None:
+        if record.droppable and not (self._room and self._file):
+            self.counters.pictures_dropped += 1
+            return
+        if not self._held:
+            self._flushed_s = time.monotonic()
+        self._write(record)
+        if record.source is not None:
+            for document in self._derived(record):
+                self._write(document)
+
+    def _derived(self, record: Record) -> list[Record]:
+        assert record.source is not None
+        try:
+            documents = list(self._illustrate(record.log_ns, record.source))
+        except PtzdError as error:
+            documents = [Document(topic="/log", publish_ns=record.log_ns, body=self._says(Level.WARNING, str(error)))]
+        return [
+            Record(
+                topic=document.topic,
+                log_ns=record.log_ns,
+                publish_ns=document.publish_ns,
+                sequence=record.sequence,
+                data=msgspec.json.encode(document.body),
+            )
+            for document in documents
+        ]
+
+    def _write(self, record: Record) -> None:
+        self._held.append(record)
+        if self._file is None:
+            self._limit_held()
+            return
+        payload = record.payload()
+        good = self._file.good
+        try:
+            self._file.add(record.topic, record.log_ns, record.publish_ns, record.sequence, payload)
+        except OSError as error:
+            self._fail(error)
+            return
+        if record.source is not None:
+            self.headless = self.headless and not (self._decisions == 0 and isinstance(record.source, Snapshot))
+            self._decisions += 1
+        self.counters.messages += 1
+        self.counters.pictures += isinstance(record.data, CompressedImage)
+        self.counters.bytes += len(payload)
+        if self._file.good != good:
+            self._kept()
+
+    def _kept(self) -> None:
+        """Everything taken so far is in a closed chunk."""
+        self._held.clear()
+        self._flushed_s = time.monotonic()
+
+    def _limit_held(self) -> None:
+        if len(self._held) > MAX_HELD:
+            self._held.pop(0)
+            self.counters.decisions_lost += 1
+
+    def _tend(self) -> None:
+        now_s = time.monotonic()
+        try:
+            if self._file and self._held and now_s - self._flushed_s >= CHUNK_S:
+                self._file.flush()
+                self._kept()
+            if now_s - self._synced_s >= SYNC_S:
+                self._synced_s = now_s
+                if self._file:
+                    self._file.sync()
+                self._look_at_disk(now_s)
+        except OSError as error:
+            self._fail(error)
+
+    def _look_at_disk(self, now_s: float) -> None:
+        free = retention.free_bytes(self._directory)
+        wanted = retention.wanted_free_bytes(self._settings)
+        if free < wanted or now_s - self._retained_s >= RETENTION_S:
+            self._retain(free)
+            self._retained_s = now_s
+            free = retention.free_bytes(self._directory)
+        self._room = free >= wanted
+        if self._file is None:
+            self._reopen()
+        if self._room and self._file:
+            self._mend()
+        if self._file:
+            self.degraded = "" if self._room else f"no pictures are kept: {free >> 20} MiB free, {wanted >> 20} wanted"
+        self._report()
+
+    def _retain(self, free: int) -> None:
+        files = retention.closed_files(self._directory, self._run.rig)
+        now_s = self._clock.now_ns() / retention.NS
+        for stored in retention.surplus(files, self._settings, free=free, open_bytes=self.size, now_s=now_s):
+            stored.path.unlink(missing_ok=True)
+
+    def _report(self) -> None:
+        """Tell the reader of the log what it does not hold."""
+        state = (self.counters.pictures_dropped, self.degraded)
+        if state == self._reported:
+            return
+        text = self.degraded or "all is written again"
+        if state[0] != self._reported[0]:
+            text = f"{state[0] - self._reported[0]} pictures dropped; {text}"
+        self._reported = state
+        self.say(Level.WARNING if self.degraded else Level.INFO, text)
+
+    def say(self, level: Level, text: str) -> None:
+        """Write a line of the writer's own to ``/log``."""
+        t_ns = self._clock.now_ns()
+        body = msgspec.json.encode(self._says(level, text, t_ns))
+        self._write(Record(topic="/log", log_ns=t_ns, publish_ns=t_ns, sequence=0, data=body))
+
+    def _says(self, level: Level, text: str, t_ns: int | None = None) -> dict[str, object]:
+        return log_message(self._clock.now_ns() if t_ns is None else t_ns, level, "ptzd.log", text)
+
+    def _fail(self, error: OSError) -> None:
+        """The file cannot be written on: cut it behind its last good chunk and go on in a new one."""
+        self.degraded = f"the log cannot be written: {error.strerror or error}"
+        self._room = False
+        if self._file is None:
+            return
+        with contextlib.suppress(OSError):
+            self._file.abandon()
+        self._torn.append(self._file.active)
+        self._file = None
+        kept = [record for record in self._held if not record.droppable]
+        self.counters.pictures_dropped += len(self._held) - len(kept)
+        self._held = kept
+
+    def _reopen(self) -> None:
+        """Begin a new file with the records that the old one lost; without room for those, later."""
+        waiting = sum(len(record.payload()) for record in self._held)
+        if retention.free_bytes(self._directory) < waiting + (1 << 20):
+            return
+        self.open()
+        held, self._held = self._held, []
+        for at, record in enumerate(held):
+            self._write(record)
+            if self._file is None:
+                self._held.extend(held[at + 1 :])
+                return
+
+    def _mend(self) -> None:
+        """Give abandoned files their summary once there is room for it."""
+        while self._torn:
+            path = self._torn.pop()
+            try:
+                report = recover(path)
+            except LogError as error:
+                self.say(Level.WARNING, str(error))
+            else:
+                self.say(Level.INFO, f"{report.path.name}: recovered: {report.note}")
+
+    def _cut(self) -> None:
+        self.cuts += 1
+        if self._file is None or self._decisions == 0:
+            return
+        try:
+            self._file.finish()
+            self._file = None
+            self._held.clear()
+            self.open()
+            self._retain(retention.free_bytes(self._directory))
+        except OSError as error:
+            self._fail(error)
+
+    def _end(self) -> None:
+        try:
+            if self._file is None:
+                self._reopen()
+            self._mend()
+            if self._file:
+                self._file.finish()
+                self._file = None
+        except OSError as error:
+            self._fail(error)

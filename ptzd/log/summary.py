@@ -1,0 +1,247 @@
+"""Walk a file whose summary is missing or not to be trusted, and write that summary anew."""
+
+from __future__ import annotations
+
+import zlib
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    McapRecord,
+    MessageIndex,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
+
+from ptzd.errors import LogError
+from ptzd.log.records import MAGIC, MESSAGE_HEAD_BYTES, Frame, RecordFile, Torn, inner_frames, message_head
+
+
+@dataclass(slots=True)
+class Survey:
+    """What a file holds, up to the first byte that cannot be trusted."""
+
+    good: int = len(MAGIC)
+    """Offset behind the last whole record of the data section, bytes."""
+    whole: bool = False
+    """Nothing is to be mended."""
+    reason: str = ""
+    damaged: list[int] = field(default_factory=list)
+    """Offsets of whole chunks that cannot be read."""
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    chunks: list[ChunkIndex] = field(default_factory=list)
+    attachments: list[AttachmentIndex] = field(default_factory=list)
+    metadata: list[MetadataIndex] = field(default_factory=list)
+    counts: Counter[int] = field(default_factory=Counter)
+    start_ns: int = 0
+    end_ns: int = 0
+    last: list[MessageIndex] = field(default_factory=list)
+    """Message indexes of the last chunk: they may be torn, so they are written anew."""
+    last_end: int = 0
+
+    @property
+    def messages(self) -> int:
+        """How many messages can be read."""
+        return self.counts.total()
+
+    def closing_records(self) -> bytes:
+        """Everything behind :attr:`good`: message indexes of the last chunk, end of data, summary, footer, magic."""
+        out = RecordBuilder()
+        if self.chunks and self.good == self.last_end:
+            index = self.chunks[-1]
+            index.message_index_offsets = {}
+            for entry in self.last:
+                index.message_index_offsets[entry.channel_id] = self.good + out.count
+                entry.write(out)
+            index.message_index_length = out.count
+        DataEnd(0).write(out)
+        start = self.good + out.count
+        summary, offsets = self._summary(start)
+        footer = RecordBuilder()
+        Footer(summary_start=start, summary_offset_start=offsets, summary_crc=0).write(footer)
+        closing = footer.end()  # type: ignore[no-untyped-call]
+        crc = zlib.crc32(closing[:-4], zlib.crc32(summary))
+        data = out.end()  # type: ignore[no-untyped-call]
+        return bytes(data + summary + closing[:-4] + crc.to_bytes(4, "little") + MAGIC)
+
+    def _summary(self, start: int) -> tuple[bytes, int]:
+        """Summary section, and the file offset of its summary offsets."""
+        statistics = Statistics(
+            attachment_count=len(self.attachments),
+            channel_count=len(self.channels),
+            channel_message_counts=dict(self.counts),
+            chunk_count=len(self.chunks),
+            message_count=self.messages,
+            metadata_count=len(self.metadata),
+            message_start_time=self.start_ns,
+            message_end_time=self.end_ns,
+            schema_count=len(self.schemas),
+        )
+        groups: list[tuple[Opcode, list[McapRecord]]] = [
+            (Opcode.SCHEMA, list(self.schemas.values())),
+            (Opcode.CHANNEL, list(self.channels.values())),
+            (Opcode.STATISTICS, [statistics]),
+            (Opcode.CHUNK_INDEX, list(self.chunks)),
+            (Opcode.ATTACHMENT_INDEX, list(self.attachments)),
+            (Opcode.METADATA_INDEX, list(self.metadata)),
+        ]
+        out = RecordBuilder()
+        offsets = []
+        for opcode, records in groups:
+            begin = out.count
+            for record in records:
+                record.write(out)
+            if records:
+                offsets.append(
+                    SummaryOffset(group_opcode=opcode, group_start=start + begin, group_length=out.count - begin)
+                )
+        offsets_start = start + out.count
+        for offset in offsets:
+            offset.write(out)
+        return bytes(out.end()), offsets_start  # type: ignore[no-untyped-call]
+
+
+def survey(file: RecordFile) -> Survey:
+    """Walk the data section; stops at its end or at the first record that is not whole.
+
+    Raises
+    ------
+    LogError
+        The disk refuses.
+    """
+    found = Survey()
+    ended = False
+    try:
+        for frame in file.frames():
+            ended = ended or frame.opcode == Opcode.DATA_END
+            if not ended:
+                _note(file, frame, found)
+                if frame.opcode != Opcode.MESSAGE_INDEX:
+                    found.good = frame.end
+    except Torn as error:
+        found.reason = f"torn at byte {error.good}"
+    else:
+        found.whole = not found.damaged
+    return found
+
+
+def _note(file: RecordFile, frame: Frame, found: Survey) -> None:
+    try:
+        if frame.opcode in _NOTES:
+            _NOTES[frame.opcode](file, frame, found)
+    except LogError as error:
+        found.damaged.append(frame.start)
+        found.reason = found.reason or str(error)
+
+
+def _note_attachment(file: RecordFile, frame: Frame, found: Survey) -> None:
+    held = file.parse(frame, Attachment.read)
+    found.attachments.append(
+        AttachmentIndex(
+            offset=frame.start,
+            length=frame.end - frame.start,
+            log_time=held.log_time,
+            create_time=held.create_time,
+            data_size=len(held.data),
+            name=held.name,
+            media_type=held.media_type,
+        )
+    )
+
+
+def _note_metadata(file: RecordFile, frame: Frame, found: Survey) -> None:
+    name = file.parse(frame, Metadata.read).name
+    found.metadata.append(MetadataIndex(offset=frame.start, length=frame.end - frame.start, name=name))
+
+
+def _note_message_index(file: RecordFile, frame: Frame, found: Survey) -> None:
+    """An index behind its chunk: kept where it is, except behind the last chunk, where it may be torn."""
+    if found.chunks:
+        index = found.chunks[-1]
+        index.message_index_offsets[file.parse(frame, MessageIndex.read).channel_id] = frame.start
+        index.message_index_length += frame.end - frame.start
+
+
+def _note_schema(file: RecordFile, frame: Frame, found: Survey, data: bytes | memoryview | None = None) -> None:
+    schema = file.parse_bytes(frame, file.body(frame) if data is None else data, Schema.read)
+    found.schemas[schema.id] = schema
+
+
+def _note_channel(file: RecordFile, frame: Frame, found: Survey, data: bytes | memoryview | None = None) -> None:
+    channel = file.parse_bytes(frame, file.body(frame) if data is None else data, Channel.read)
+    found.channels[channel.id] = channel
+
+
+def _note_message(file: RecordFile, frame: Frame, found: Survey) -> None:
+    """A message outside any chunk, as other writers leave them."""
+    if frame.length < MESSAGE_HEAD_BYTES:
+        raise file.damage(frame, f"a message of {frame.length} bytes")
+    head = message_head(memoryview(file.body(frame)))
+    found.counts[head.channel_id] += 1
+    found.start_ns = min(found.start_ns or head.log_ns, head.log_ns)
+    found.end_ns = max(found.end_ns, head.log_ns)
+
+
+def _note_chunk(file: RecordFile, frame: Frame, found: Survey) -> None:
+    chunk = file.chunk(frame)
+    data = chunk.data
+    indexes: dict[int, MessageIndex] = {}
+    try:
+        inner = list(inner_frames(data))
+    except ValueError as error:
+        raise file.damage(frame, str(error)) from None
+    for record in inner:
+        if record.opcode == Opcode.MESSAGE:
+            head = message_head(data, record.body)
+            if head.channel_id not in found.channels:
+                raise file.damage(frame, f"a message of channel {head.channel_id}, which was never described")
+            entry = indexes.setdefault(head.channel_id, MessageIndex(channel_id=head.channel_id, records=[]))
+            entry.records.append((head.log_ns, record.start))
+        elif record.opcode == Opcode.SCHEMA:
+            _note_schema(file, frame, found, data[record.body : record.end])
+        elif record.opcode == Opcode.CHANNEL:
+            _note_channel(file, frame, found, data[record.body : record.end])
+    times = [log_ns for entry in indexes.values() for log_ns, _ in entry.records]
+    for channel_id, entry in indexes.items():
+        found.counts[channel_id] += len(entry.records)
+    if times:
+        found.start_ns = min(found.start_ns or times[0], *times)
+        found.end_ns = max(found.end_ns, *times)
+    found.chunks.append(
+        ChunkIndex(
+            message_start_time=min(times, default=0),
+            message_end_time=max(times, default=0),
+            chunk_start_offset=frame.start,
+            chunk_length=frame.end - frame.start,
+            message_index_offsets={},
+            message_index_length=0,
+            compression=chunk.compression,
+            compressed_size=chunk.packed_size,
+            uncompressed_size=len(data),
+        )
+    )
+    found.last, found.last_end = list(indexes.values()), frame.end
+
+
+_NOTES: Mapping[int, Callable[[RecordFile, Frame, Survey], None]] = {
+    Opcode.CHUNK: _note_chunk,
+    Opcode.MESSAGE_INDEX: _note_message_index,
+    Opcode.ATTACHMENT: _note_attachment,
+    Opcode.METADATA: _note_metadata,
+    Opcode.SCHEMA: _note_schema,
+    Opcode.CHANNEL: _note_channel,
+    Opcode.MESSAGE: _note_message,
+}
