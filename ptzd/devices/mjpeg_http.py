@@ -1,0 +1,54 @@
+"""Pictures of an MJPEG stream over HTTP, stamped on arrival."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+from ptzd.devices.mjpeg import MultipartParser, boundary_of
+from ptzd.devices.vapix.client import CameraClient
+from ptzd.devices.vapix.failures import ConnectionCut
+from ptzd.devices.vapix.requests import Request
+from ptzd.errors import DeviceLost
+from ptzd.ports import Clock
+
+Deliver = Callable[[bytes | None, int], None]
+"""Takes a picture's bytes, or None for a damaged one, and when its last byte arrived."""
+
+
+async def read_mjpeg(
+    client: CameraClient, request: Request[None], *, clock: Clock, stall_s: float, deliver: Deliver
+) -> None:
+    """Read a stream until it fails; returns never.
+
+    Parameters
+    ----------
+    client, request
+        Whom to ask for what.
+    clock : Clock
+        Stamps the arrivals.
+    stall_s : float
+        Longest time without a complete picture.
+    deliver : callable
+        Called for every part, on the event loop; must return at once.
+
+    Raises
+    ------
+    DeviceLost
+        Not reachable, cut, or no complete picture for ``stall_s``.
+    DeviceRefused, DeviceGarbled
+        Not allowed, or not an MJPEG stream.
+    """
+    loop = asyncio.get_running_loop()
+    try:
+        async with asyncio.timeout(stall_s) as patience, client.stream(request, stall_s) as response:
+            parser = MultipartParser(boundary_of(response.headers.get("Content-Type", "")))
+            async for chunk in response.content.iter_any():
+                arrival_ns = clock.now_ns()
+                for part in parser.feed(chunk):
+                    deliver(part.body if part.complete else None, arrival_ns)
+                    if part.complete:
+                        patience.reschedule(loop.time() + stall_s)
+            raise ConnectionCut("the stream ended")
+    except TimeoutError:
+        raise DeviceLost(f"{client.origin}{request.name}: no complete picture for {stall_s:g} s") from None

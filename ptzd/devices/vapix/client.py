@@ -1,0 +1,254 @@
+"""One HTTP session to one camera: authorization, time stamps, and every failure as one of three errors.
+
+* :class:`DeviceLost`: no answer, the connection is cut, 5xx.
+* :class:`DeviceRefused`: 401, 403, another certificate, a redirect elsewhere, ``Error:`` in a 200.
+* :class:`DeviceGarbled`: an answer that cannot be understood.
+
+A refused password or right is remembered: for a minute nothing is sent, unless other credentials are given.
+Messages never hold a header, since headers hold the authorization.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Generic, Self, TypeVar
+
+import aiohttp
+from yarl import URL
+
+from ptzd.devices.vapix.address import Address
+from ptzd.devices.vapix.answers import Reply
+from ptzd.devices.vapix.auth import Attempt, Authenticator
+from ptzd.devices.vapix.credentials import Credentials
+from ptzd.devices.vapix.failures import ConnectionCut, FailuresNamed, Forbidden, NotOffered, Overloaded
+from ptzd.devices.vapix.requests import Request
+from ptzd.errors import DeviceGarbled, DeviceLost, DeviceRefused
+from ptzd.ports import Clock
+
+T = TypeVar("T")
+
+CONNECT_TIMEOUT_S = 3.0
+REFUSAL_PAUSE_S = 60.0
+"""After a refused password or right: a camera blocks or slows down clients that try again at once."""
+MAX_ANSWER_BYTES = 1_000_000
+MAX_ROUNDS = 4
+"""Requests for one answer: a challenge, an expired nonce, a redirect within the camera."""
+_REDIRECTS = frozenset({301, 302, 303, 307, 308})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Exchange(Generic[T]):
+    """An answer with the times of the round trip that brought it, ns on the daemon's clock."""
+
+    value: T
+    sent_ns: int
+    received_ns: int
+
+
+class CameraClient:
+    """Sends requests to one camera.
+
+    Parameters
+    ----------
+    address : Address
+    clock : Clock
+        Stamps the exchanges.
+    refusal_pause_s : float
+        How long nothing is sent after a refusal.
+    """
+
+    def __init__(self, address: Address, clock: Clock, *, refusal_pause_s: float = REFUSAL_PAUSE_S) -> None:
+        self._base = address.base()
+        self._fingerprint = address.fingerprint()
+        self._address = address
+        self._clock = clock
+        self._refusal_pause_s = refusal_pause_s
+        self._credentials: Credentials | None = None
+        self._auth = self._authenticator(None)
+        self._refusals: dict[str, tuple[DeviceRefused, float]] = {}
+        self._session: aiohttp.ClientSession | None = None
+
+    @property
+    def origin(self) -> str:
+        """Scheme, host and port, for messages."""
+        return str(self._base.origin())
+
+    async def __aenter__(self) -> Self:
+        self._session = aiohttp.ClientSession(
+            cookie_jar=aiohttp.CookieJar(unsafe=True),  # also for addresses: the control queue wants its cookie back
+            connector=aiohttp.TCPConnector(limit_per_host=6, ssl=self._fingerprint or True),
+            headers={"User-Agent": "ptzd"},
+        )
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._session is not None:
+            await self._session.close()
+            self._session = None
+
+    def use(self, credentials: Credentials | None) -> None:
+        """Ask as this user from now on; other credentials than before end the pause after a refusal."""
+        if credentials != self._credentials:
+            self._credentials = credentials
+            self._auth = self._authenticator(credentials)
+            self._refusals.clear()
+
+    def _authenticator(self, credentials: Credentials | None) -> Authenticator:
+        basic_allowed = self._base.scheme == "https" or self._address.allow_basic_over_http
+        return Authenticator(credentials, basic_allowed=basic_allowed, setting=self._address.setting)
+
+    async def send(self, request: Request[T]) -> T:
+        """Send a request and return what its answer says.
+
+        Raises
+        ------
+        DeviceLost, DeviceRefused, DeviceGarbled
+            As in the module's docstring; the message names camera and page.
+        """
+        return (await self.exchange(request)).value
+
+    async def exchange(self, request: Request[T]) -> Exchange[T]:
+        """Like :meth:`send`, with the times of the round trip."""
+        for remaining in reversed(range(request.attempts)):
+            try:
+                return await self._exchange(request)
+            except ConnectionCut:
+                if not remaining:
+                    raise
+        raise AssertionError("a request has at least one attempt")
+
+    async def _exchange(self, request: Request[T]) -> Exchange[T]:
+        patience = aiohttp.ClientTimeout(total=request.timeout_s, sock_connect=CONNECT_TIMEOUT_S)
+        with self._failures_named(request):
+            async with self._answered(request, patience) as (response, sent_ns):
+                body = await _limited_body(response)
+                received_ns = self._clock.now_ns()
+            reply = Reply(status=response.status, content_type=response.content_type, text=_text(body))
+            return Exchange(value=request.parse(reply), sent_ns=sent_ns, received_ns=received_ns)
+
+    @asynccontextmanager
+    async def stream(self, request: Request[None], stall_s: float) -> AsyncIterator[aiohttp.ClientResponse]:
+        """Open an endless answer; reading from it raises :class:`DeviceLost` after ``stall_s`` without a byte."""
+        patience = aiohttp.ClientTimeout(total=None, sock_connect=CONNECT_TIMEOUT_S, sock_read=stall_s)
+        with self._failures_named(request):
+            async with self._answered(request, patience) as (response, _):
+                yield response
+
+    @asynccontextmanager
+    async def websocket(self, path: str, params: dict[str, str]) -> AsyncIterator[aiohttp.ClientWebSocketResponse]:
+        """Open a WebSocket; a token in the parameters stands for the authorization."""
+        session = self._open_session()
+        request = Request(path=path, parse=lambda _: None)
+        with self._failures_named(request):
+            async with session.ws_connect(self._base.with_path(path).with_query(params), heartbeat=10.0) as socket:
+                yield socket
+
+    @asynccontextmanager
+    async def _answered(
+        self, request: Request[T], patience: aiohttp.ClientTimeout
+    ) -> AsyncIterator[tuple[aiohttp.ClientResponse, int]]:
+        """The response after challenges and redirects, and when its request was sent."""
+        session, url = self._open_session(), self._url(request)
+        data = None if request.document is None else json.dumps(request.document)
+        for _ in range(MAX_ROUNDS):
+            self._respect_refusals(request.path)
+            attempt = self._auth.attempt(request.method, url.raw_path_qs)
+            headers = {} if attempt is None else {"Authorization": attempt.value}
+            if data is not None:
+                headers["Content-Type"] = "application/json"
+            sent_ns = self._clock.now_ns()
+            async with session.request(
+                request.method, url, data=data, headers=headers, timeout=patience, allow_redirects=False
+            ) as response:
+                if response.status == 401:
+                    self._challenged(attempt, response)
+                    continue
+                self._auth.accepted(attempt)
+                if response.status in _REDIRECTS and request.method == "GET":
+                    url = self._redirected(url, response)
+                    continue
+                self._check_status(response, request)
+                yield response, sent_ns
+                return
+        raise DeviceRefused(f"asks {MAX_ROUNDS} times for another authorization or page")
+
+    def _open_session(self) -> aiohttp.ClientSession:
+        if self._session is None:
+            raise DeviceLost("the connection is not open")
+        return self._session
+
+    def _url(self, request: Request[T]) -> URL:
+        url = self._base.join(URL(request.path, encoded=True)) if request.path else self._base
+        return url.with_query(request.params) if request.params else url
+
+    def _respect_refusals(self, path: str) -> None:
+        """Raise what was refused less than a minute ago: the account everywhere, a missing right on its page."""
+        now_s = asyncio.get_running_loop().time()
+        for place in ("", path):
+            error, until_s = self._refusals.get(place, (None, 0.0))
+            if error is not None and now_s < until_s:
+                raise type(error)(f"{error}; asked again in {until_s - now_s:.0f} s at the earliest")
+
+    def _remember(self, place: str, error: DeviceRefused) -> DeviceRefused:
+        self._refusals[place] = (type(error)(str(error)), asyncio.get_running_loop().time() + self._refusal_pause_s)
+        return error
+
+    def _challenged(self, attempt: Attempt | None, response: aiohttp.ClientResponse) -> None:
+        try:
+            self._auth.challenged(attempt, response.headers.getall("WWW-Authenticate", []))
+        except DeviceRefused as error:
+            raise self._remember("", error) from None
+
+    def _redirected(self, url: URL, response: aiohttp.ClientResponse) -> URL:
+        target = url.join(URL(response.headers.get("Location", "")))
+        if target.origin() != self._base.origin():
+            raise DeviceRefused(
+                f"redirects to {target.origin()}; if that is right, set it as {self._address.setting}.url"
+            )
+        return target
+
+    def _check_status(self, response: aiohttp.ClientResponse, request: Request[T]) -> None:
+        status = response.status
+        if status in {200, 204}:
+            return
+        if status == 403:
+            user = "" if self._credentials is None else self._credentials.user
+            denied = Forbidden(f"user {user!r} has no right to this page (403); give the account the operator role")
+            raise self._remember(request.path, denied)
+        if status in {404, 405}:
+            raise NotOffered(f"does not offer this ({status})")
+        if status == 503:
+            raise Overloaded("overloaded or starting (503)", _seconds(response.headers.get("Retry-After")))
+        if status >= 500:
+            raise DeviceLost(f"fails ({status})")
+        raise DeviceRefused(f"answers {status}")
+
+    def _failures_named(self, request: Request[T]) -> FailuresNamed:
+        return FailuresNamed(f"{self.origin}{request.name}", self._address.setting)
+
+
+async def _limited_body(response: aiohttp.ClientResponse) -> bytes:
+    body = bytearray()
+    async for chunk in response.content.iter_any():
+        body += chunk
+        if len(body) > MAX_ANSWER_BYTES:
+            raise DeviceGarbled(f"answer is longer than {MAX_ANSWER_BYTES} bytes")
+    return bytes(body)
+
+
+def _text(body: bytes) -> str:
+    try:
+        return body.decode("utf-8")
+    except UnicodeDecodeError:
+        return body.decode("latin-1")  # PTZ.ResponseEncoding of older firmware
+
+
+def _seconds(text: str | None) -> float | None:
+    return float(text) if text is not None and text.isascii() and text.isdigit() and len(text) < 6 else None

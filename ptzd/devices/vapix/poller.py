@@ -1,0 +1,67 @@
+"""Asks the camera where it is, again and again, and keeps what it says."""
+
+from __future__ import annotations
+
+import asyncio
+
+from ptzd.config import Ptz
+from ptzd.devices.vapix import requests
+from ptzd.devices.vapix.client import CameraClient
+from ptzd.devices.vapix.feed import Feed
+from ptzd.devices.vapix.poses import PoseRing
+from ptzd.errors import DeviceGarbled, DeviceLost
+from ptzd.ports import HeadPoll
+
+FAILURES_ALLOWED = 2
+"""In a row; one more and the camera counts as lost."""
+KEPT_POLLS = 64
+
+
+class Poller:
+    """Position reports of one camera.
+
+    Parameters
+    ----------
+    settings : Ptz
+    client : CameraClient
+    poses : PoseRing
+        Gets every report.
+    """
+
+    def __init__(self, settings: Ptz, client: CameraClient, poses: PoseRing) -> None:
+        self.feed: Feed[HeadPoll] = Feed(KEPT_POLLS)
+        self._request = requests.position(settings.camera)
+        self._client = client
+        self._poses = poses
+        self._period_s = 1 / settings.poll_hz
+        self._lag_ns = round(settings.report_lag_s * 1e9)
+        self._stall_s = settings.stall_s
+
+    async def run(self) -> None:
+        """Poll until the camera is lost; returns never.
+
+        Raises
+        ------
+        DeviceLost, DeviceGarbled
+            The third failure in a row, or no answer for ``stall_s``.
+        DeviceRefused
+            At once.
+        """
+        loop = asyncio.get_running_loop()
+        failures, answered_s, next_s = 0, loop.time(), loop.time()
+        while True:
+            try:
+                await self._poll()
+                failures, answered_s = 0, loop.time()
+            except (DeviceLost, DeviceGarbled):
+                failures += 1
+                if failures > FAILURES_ALLOWED or loop.time() - answered_s >= self._stall_s:
+                    raise
+            next_s = max(next_s + self._period_s, loop.time())
+            await asyncio.sleep(next_s - loop.time())
+
+    async def _poll(self) -> None:
+        exchange = await self._client.exchange(self._request)
+        half_ns = (exchange.received_ns - exchange.sent_ns) // 2
+        pose = self._poses.add(exchange.sent_ns + half_ns - self._lag_ns, half_ns, exchange.value)
+        self.feed.publish(HeadPoll(reading=pose.reading, t_ns=pose.t_ns, motion=pose.motion, foreign=pose.foreign))
