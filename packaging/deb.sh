@@ -1,0 +1,27 @@
+#!/usr/bin/env bash
+# Build the Debian package from the files that git tracks, in build/deb; print its path.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+version=$(sed -n 's/^__version__ = "\(.*\)"$/\1/p' ptzd/__init__.py)
+tree=build/deb/ptzd-$version
+rm -rf build/deb
+mkdir -p "$tree"
+git ls-files -z --cached | while IFS= read -r -d '' file; do
+    if [ -e "$file" ]; then printf '%s\0' "$file"; fi
+done | xargs -0 cp --parents --no-dereference --target-directory="$tree"
+
+export SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH:-$(git log -1 --format=%ct)}
+cat > "$tree/debian/changelog" <<CHANGELOG
+ptzd ($version) stable; urgency=medium
+
+  * See CHANGELOG.md.
+
+ -- The ptzd developers <ptzd@localhost>  $(date --utc --rfc-email --date="@$SOURCE_DATE_EPOCH")
+CHANGELOG
+
+(cd "$tree" && dpkg-buildpackage --build=binary --no-sign) > build/deb/build.log 2>&1 || {
+    tail -n 40 build/deb/build.log >&2
+    exit 1
+}
+ls "$PWD"/build/deb/ptzd_*.deb
