@@ -1,0 +1,182 @@
+"""One simulated AXIS camera: its parts, its ports, its own programs, its restarts."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+from collections.abc import Coroutine
+from types import TracebackType
+
+from aiohttp import web
+
+from ptzd.geometry.head import HeadModel
+from ptzd.sim.auth import Gate, User
+from ptzd.sim.camera_http import CameraServer
+from ptzd.sim.certificate import Certificate, self_signed
+from ptzd.sim.clock import SimClock
+from ptzd.sim.faults import Fault, FaultBox, FaultKind
+from ptzd.sim.head import MoveTo
+from ptzd.sim.imager import PtzEye
+from ptzd.sim.picture_cgi import PictureCgi
+from ptzd.sim.scene import Scene
+from ptzd.sim.settings import SimSettings
+from ptzd.sim.stream import Darkroom, ShotLog
+from ptzd.sim.unit import Unit
+from ptzd.sim.wire import Listener, drop_connections
+
+HEARTBEAT_S = 0.05
+"""How often the camera's own programs look at the time."""
+
+
+class AxisCamera:
+    """A camera on HTTP and, if asked for, HTTPS.
+
+    Parameters
+    ----------
+    settings : SimSettings
+    scene : Scene
+    head : HeadModel
+        The true mount.
+    clock : SimClock
+    """
+
+    def __init__(self, settings: SimSettings, scene: Scene, head: HeadModel, clock: SimClock) -> None:
+        self.settings = settings
+        self.unit = Unit(settings, clock)
+        self.faults = FaultBox()
+        self.shots = ShotLog()
+        self.port = 0
+        self.https_port = 0
+        self.certificate: Certificate | None = None
+        profile = self.unit.profile
+        own = User(name=settings.user, password=settings.password, role=settings.role, ptz=settings.ptz_right)
+        self.gate = Gate(
+            (own, *settings.extra_users),
+            realm=f"AXIS_{profile.serial}",
+            policy=settings.policy,
+            nonce_life_s=settings.nonce_life_s,
+            basic_first=settings.basic_first,
+            old_style=profile.old_style_digest,
+            secret=hashlib.sha256(f"nonce {settings.seed}".encode()).digest(),
+        )
+        eye = PtzEye(scene, profile, head, noise_sigma=settings.ptz_noise_sigma, seed=settings.seed)
+        self._darkroom = Darkroom()
+        pictures = PictureCgi(self.unit, eye, self._darkroom, self.faults, self.shots)
+        self._server = CameraServer(self.unit, self.gate, pictures, self.faults, self.reboot)
+        self._runner = web.AppRunner(
+            self._server.app(), handler_cancellation=True, shutdown_timeout=0.1, access_log=None, keepalive_timeout=15.0
+        )
+        self._listeners: list[Listener] = []
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    async def __aenter__(self) -> AxisCamera:
+        await self._runner.setup()
+        settings = self.settings
+        try:
+            self._listeners.append(Listener(self._runner, settings.host, settings.ptz_port))
+            if settings.https:
+                self.certificate = self_signed(f"axis-{self.unit.profile.serial.lower()}")
+                tls = self.certificate.server_context()
+                self._listeners.append(Listener(self._runner, settings.host, 0, tls))
+            for listener in self._listeners:
+                await listener.open()
+        except BaseException:
+            await self._shut()
+            raise
+        self.port = self._listeners[0].port
+        self.https_port = self._listeners[1].port if settings.https else 0
+        self._spawn(self._programs(), "sim camera programs")
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self._shut()
+
+    async def _shut(self) -> None:
+        for listener in self._listeners:
+            await listener.shut()
+        await drop_connections(self._runner)
+        await self._runner.cleanup()
+        for listener in self._listeners:
+            listener.close()
+        self._darkroom.close()
+
+    def _spawn(self, work: Coroutine[None, None, None], name: str) -> None:
+        task = asyncio.create_task(work, name=name)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    @property
+    def url(self) -> str:
+        """Where it answers over HTTP."""
+        return f"http://{self.settings.host}:{self.port}"
+
+    @property
+    def https_url(self) -> str:
+        """Where it answers over HTTPS."""
+        return f"https://{self.settings.host}:{self.https_port}"
+
+    def inject(self, fault: Fault) -> None:
+        """Arm a fault; its time counts from now."""
+        self.faults.add(fault, self.unit.clock.now_s())
+
+    def reboot(self) -> None:
+        """Restart as after a loss of power: gone, then 503, then ready at home."""
+        self._spawn(self._reboot(), "sim reboot")
+
+    async def _reboot(self) -> None:
+        clock, boot_s = self.unit.clock, self.settings.boot_s
+        self._server.ready = False
+        for listener in self._listeners:
+            await listener.shut()
+        await drop_connections(self._runner)
+        await clock.sleep_until(clock.now_s() + boot_s)
+        self.gate.forget_nonces()
+        for listener in self._listeners:
+            await listener.open()
+        self.unit.go_home("start-up")
+        await clock.sleep_until(clock.now_s() + boot_s / 2)
+        self._server.restarted()
+
+    async def _programs(self) -> None:
+        """Do what the camera does by itself: overview, and faults whose time has come."""
+        clock = self.unit.clock
+        while True:
+            now_s = clock.now_s()
+            for fault in self.faults.due(now_s):
+                self._happen(fault)
+            overview_s = float(self.unit.parameters["PTZ.Various.V1.ReturnToOverview"])
+            if overview_s and now_s - self.unit.last_order_s >= overview_s and not self.unit.at_home():
+                self.unit.go_home("return to overview")
+            await clock.sleep_until(now_s + HEARTBEAT_S)
+
+    def _happen(self, fault: Fault) -> None:
+        now_s = self.unit.clock.now_s()
+        match fault.kind:
+            case FaultKind.REBOOT:
+                self.reboot()
+            case FaultKind.FOREIGN_MOVE:
+                self.unit.force(MoveTo(pan=fault.pan, tilt=fault.tilt, zoom=fault.zoom), "another user")
+            case FaultKind.RECALIBRATE:
+                self._spawn(self._recalibrate(), "sim recalibration")
+            case FaultKind.KNOCK:
+                self.unit.head.shift_zero(now_s, fault.pan or 0.0, fault.tilt or 0.0)
+            case FaultKind.FORGET_NONCES:
+                self.gate.forget_nonces()
+            case FaultKind.PARAMETER:
+                self.unit.parameters[fault.name] = fault.value
+            case _:
+                raise AssertionError(fault.kind)
+
+    async def _recalibrate(self) -> None:
+        clock, head, profile = self.unit.clock, self.unit.head, self.unit.profile
+        before = head.encoder(clock.now_s())
+        for pan, tilt in ((profile.pan.low, profile.tilt.low), (profile.pan.high, profile.tilt.high)):
+            self.unit.force(MoveTo(pan=pan, tilt=tilt, zoom=1), "recalibration")
+            while head.busy(clock.now_s()):
+                await clock.sleep_until(clock.now_s() + HEARTBEAT_S)
+        self.unit.force(MoveTo(pan=before.pan_deg, tilt=before.tilt_deg, zoom=before.zoom), "recalibration")
