@@ -1,0 +1,275 @@
+"""A torn file becomes a whole one with everything that was whole in it."""
+
+import fcntl
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+
+from ptzd.control.events import FrameArrived
+from ptzd.errors import LogError
+from ptzd.log.codec import encode
+from ptzd.log.file import McapFile
+from ptzd.log.protobuf import CompressedImage, encode_image
+from ptzd.log.reader import LogReader
+from ptzd.log.records import RecordFile
+from ptzd.log.recover import recover, recover_directory
+from ptzd.log.run import RunInfo
+from ptzd.log.topics import EVENT, FISHEYE_IMAGE
+from ptzd.model import FrameRef
+
+T0 = 1_795_000_000_000_000_000
+RUN = RunInfo(rig="yard", config_text="rig: yard\n", calibration_text="ptzd_calibration: 1\n")
+
+
+def write(path, chunks=4, per_chunk=5):
+    """A file with pictures and events in known chunks; returns the offset behind each chunk."""
+    file = McapFile(path, RUN, T0)
+    file.open()
+    good = []
+    for number in range(chunks * per_chunk):
+        t_ns = T0 + number * 1_000_000
+        frame = FrameRef(seq=number, t_capture_ns=t_ns)
+        image = CompressedImage(t_ns=t_ns, frame_id="fisheye", data=os.urandom(300), format="jpeg")
+        file.add(FISHEYE_IMAGE, t_ns + 1, t_ns, number, encode_image(image))
+        name, body = encode(FrameArrived(t_ns=t_ns, frame=frame))
+        document = f'{{"sequence":{number},"t_ns":{t_ns},"name":"{name}","body":{_quoted(body)}}}'
+        file.add(EVENT, t_ns, t_ns, number, document.encode())
+        if number % per_chunk == per_chunk - 1:
+            file.flush()
+            good.append(file.good)
+    file.finish()
+    return good
+
+
+def _quoted(body):
+    return '"' + body.decode().replace('"', '\\"') + '"'
+
+
+def sequences(path):
+    with LogReader(path) as log:
+        return [item.sequence for item in log.decisions()]
+
+
+def opens_everywhere(path):
+    """The indexed reader of the mcap library and our own agree."""
+    with path.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        summary = reader.get_summary()
+        by_index = [message.sequence for _, channel, message in reader.iter_messages(topics=[EVENT])]
+        counted = sum(1 for _ in reader.iter_messages())
+    assert (summary.statistics.message_count if summary else 0) == counted
+    assert by_index == sequences(path)
+    return by_index
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    path = tmp_path_factory.mktemp("whole") / "yard.mcap"
+    return path, write(path)
+
+
+def test_every_cut_keeps_every_whole_chunk(whole, tmp_path):
+    path, _ = whole
+    data = path.read_bytes()
+
+    @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+    @given(st.integers(0, len(data) - 1))
+    def run(cut):
+        torn = tmp_path / "yard.mcap.active"
+        torn.write_bytes(data[:cut])
+        final = tmp_path / "yard.mcap"
+        final.unlink(missing_ok=True)
+        if cut < 8:
+            with pytest.raises(LogError, match="not an MCAP file"):
+                recover(torn)
+            return
+        report = recover(torn)
+        assert report.path == final
+        assert not torn.exists()
+        assert report.bytes_kept + report.bytes_cut == cut
+        whole_chunks = sum(1 for end in _chunk_ends(path) if end <= cut)
+        assert report.messages == whole_chunks * 10
+        if whole_chunks:
+            assert opens_everywhere(final) == list(range(whole_chunks * 5))
+        assert recover(final).note == "whole"
+
+    run()
+
+
+def _chunk_ends(path):
+    with RecordFile(path) as file:
+        return [frame.end for frame in file.frames() if frame.opcode == 6]
+
+
+def test_a_whole_file_stays_as_it_is(whole, tmp_path):
+    path, _ = whole
+    copy = tmp_path / "yard.mcap.active"
+    shutil.copy(path, copy)
+    report = recover(copy)
+    assert report.note == "whole"
+    assert report.path.read_bytes() == path.read_bytes()
+
+
+def test_a_chunk_with_a_wrong_checksum_is_passed_over(whole, tmp_path):
+    path, _ = whole
+    data = bytearray(path.read_bytes())
+    ends = _chunk_ends(path)
+    data[ends[1] - 50] ^= 0x40
+    torn = tmp_path / "yard.mcap"
+    torn.write_bytes(data)
+    with pytest.raises(LogError, match="checksum"):
+        sequences(torn)
+    report = recover(torn)
+    assert report.chunks_lost == 1
+    assert "1 damaged chunks passed over" in report.note
+    assert opens_everywhere(torn) == [*range(5), *range(10, 20)]
+
+
+def test_a_file_in_use_is_left_alone(whole, tmp_path):
+    path, _ = whole
+    active = tmp_path / "yard.mcap.active"
+    active.write_bytes(path.read_bytes()[:-30])
+    with active.open("rb") as holder:
+        fcntl.flock(holder, fcntl.LOCK_EX)
+        with pytest.raises(LogError, match="being written by a running daemon"):
+            recover(active)
+        assert "running daemon" in recover_directory(tmp_path)[0]
+        assert active.exists()
+    assert "recovered" in recover_directory(tmp_path)[0]
+
+
+def test_a_directory_after_a_crash(whole, tmp_path):
+    path, _ = whole
+    (tmp_path / "empty.mcap.active").write_bytes(b"")
+    (tmp_path / "torn.mcap.active").write_bytes(path.read_bytes()[:-200])
+    (tmp_path / "junk.mcap.active").write_bytes(b"hello, this is not a log")
+    (tmp_path / "twice.mcap.active").write_bytes(path.read_bytes()[:-200])
+    shutil.copy(path, tmp_path / "twice.mcap")
+    lines = recover_directory(tmp_path)
+    assert [line.split(": ")[0].rpartition("/")[2] for line in lines] == [
+        "empty.mcap.active",
+        "junk.mcap.active",
+        "torn.mcap",
+        "twice.mcap.active",
+    ]
+    assert "removed" in lines[0]
+    assert "not an MCAP file" in lines[1]
+    assert "40 messages kept" in lines[2]
+    assert "exists as well" in lines[3]
+    assert sequences(tmp_path / "torn.mcap") == list(range(20))
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(LogError, match=r"nothing\.mcap: cannot be opened"):
+        recover(tmp_path / "nothing.mcap")
+
+
+def test_recovery_needs_little_room(whole, tmp_path):
+    """The closing summary is all that is written."""
+    path, good = whole
+    torn = tmp_path / "torn.mcap"
+    torn.write_bytes(path.read_bytes()[: good[-1] + 3])
+    before = torn.read_bytes()
+    recover(torn)
+    after = torn.read_bytes()
+    chunk_end = _chunk_ends(path)[-1]
+    assert after[:chunk_end] == before[:chunk_end]
+
+
+BUSY = textwrap.dedent(
+    """
+    import asyncio, itertools, os, sys, time
+    from ptzd.config import LogSettings
+    from ptzd.control.events import FrameArrived, Snapshot
+    from ptzd.log.run import RunInfo
+    from ptzd.log.topics import FISHEYE_IMAGE
+    from ptzd.log.writer import McapLog
+    from ptzd.model import FrameRef
+    from ptzd.ports import Picture
+
+    class Clock:
+        def now_ns(self): return time.time_ns()
+        def from_monotonic_ns(self, ns): return ns
+
+    async def main():
+        jpeg = os.urandom(60_000)
+        settings = LogSettings(directory=sys.argv[1], min_free_bytes=0, rotate_s=0.7)
+        run = RunInfo(rig="busy", config_text="", calibration_text="")
+        async with McapLog(settings, run, Clock()) as log:
+            for sequence in itertools.count():
+                t_ns = time.time_ns()
+                if log.rotate_due():
+                    log.rotate(sequence, Snapshot(t_ns=t_ns))
+                    continue
+                frame = FrameRef(seq=sequence, t_capture_ns=t_ns)
+                log.picture(FISHEYE_IMAGE, Picture(frame=frame, t_arrival_ns=t_ns, jpeg=jpeg))
+                log.event(sequence, FrameArrived(t_ns=t_ns, frame=frame))
+                print(sequence, flush=True)
+                await asyncio.sleep(0.004)
+
+    asyncio.run(main())
+    """
+)
+
+
+@pytest.mark.parametrize("round_", range(int(os.environ.get("PTZD_KILLS", "4"))))
+def test_kill_loses_less_than_half_a_second(tmp_path, round_):
+    directory = tmp_path / "log"
+    child = subprocess.Popen([sys.executable, "-c", BUSY, str(directory)], stdout=subprocess.PIPE, text=True)
+    told = []
+    try:
+        deadline = None
+        for line in child.stdout:
+            now = time.monotonic()
+            deadline = deadline or now + 0.6 + 0.37 * (round_ % 4) + 0.011 * round_
+            told.append((int(line), now))
+            if now > deadline:
+                break
+    finally:
+        child.send_signal(signal.SIGKILL)
+        child.wait()
+        child.stdout.close()
+    killed = told[-1][1]
+    notes = recover_directory(directory)
+    assert not [note for note in notes if "recovered" not in note and "removed" not in note]
+    kept = []
+    for path in sorted(directory.glob("*.mcap"), key=lambda path: path.name.split("-")[-1]):
+        kept += sequences(path)
+        with LogReader(path) as log:
+            for item in log.decisions():
+                if isinstance(item.event, FrameArrived):
+                    log.picture(FISHEYE_IMAGE, item.event.frame)
+    assert kept == list(range(len(kept)))
+    lost = [at for number, at in told if number >= len(kept)]
+    assert not lost or killed - lost[0] <= 0.5 + 0.1, "seconds lost, with slack for a loaded machine"
+
+
+@pytest.mark.bench
+def test_recovery_reads_fast(tmp_path):
+    """Prints the rate on this machine; asserts only that a GiB would not hold up a start."""
+    path = tmp_path / "yard.mcap"
+    file = McapFile(path, RUN, T0)
+    file.open()
+    picture = encode_image(CompressedImage(t_ns=T0, frame_id="fisheye", data=os.urandom(300_000), format="jpeg"))
+    for number in range(300):
+        file.add(FISHEYE_IMAGE, T0 + number, T0 + number, number, picture)
+    file.flush()
+    file.abandon()
+    active = Path(f"{path}.active")
+    size = active.stat().st_size
+    begin = time.perf_counter()
+    report = recover(active)
+    seconds = time.perf_counter() - begin
+    print(f"recovered {size / 1e6:.0f} MB at {size / 1e6 / seconds:.0f} MB/s")
+    assert report.messages == 300
+    assert size / seconds > 50e6
