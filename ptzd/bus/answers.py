@@ -1,0 +1,158 @@
+"""What the bus knows by itself and tells whoever asks: status, results, calibration, the log's files."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from typing import Literal
+
+import msgspec
+import zenoh
+
+from ptzd.bus.arrivals import Arrival
+from ptzd.bus.decode import decode
+from ptzd.bus.keys import Keys, request_id_of
+from ptzd.bus.messages import ErrorReply, LogReply, LogRequest, encoding
+from ptzd.bus.pending import BUSY, PendingQueries, refuse, reply
+from ptzd.bus.results import KeptResults
+from ptzd.control.commands import PublishStatus
+from ptzd.errors import PtzdError, RequestRefused
+from ptzd.ports import Clock
+
+LogHandler = Callable[[Literal["list", "rotate"]], Awaitable[Sequence[str]]]
+"""Does what a query on ``log`` asks; returns the closed files, oldest first."""
+
+
+class Answers:
+    """Handlers for questions that need no decision, and the documents they are answered from.
+
+    Parameters
+    ----------
+    keys : Keys
+        Of this rig.
+    clock : Clock
+        Ages the kept results, stamps the status.
+    pending : PendingQueries
+        Keeps queries on the log while its handler works.
+    results : KeptResults
+        Of requests that have ended.
+    status_extra : Callable[[], Mapping[str, object]]
+        What the core does not know of the status: devices, pose, log, versions.
+    """
+
+    def __init__(
+        self,
+        keys: Keys,
+        clock: Clock,
+        pending: PendingQueries,
+        results: KeptResults,
+        status_extra: Callable[[], Mapping[str, object]],
+    ) -> None:
+        self._keys = keys
+        self._clock = clock
+        self._pending = pending
+        self._results = results
+        self._status_extra = status_extra
+        self._tasks: set[asyncio.Task[None]] = set()
+        self.status: PublishStatus | None = None
+        """The core's latest word."""
+        self.more: dict[str, object] = {}
+        """Fields of the status published by others than the core."""
+        self.calibration: Mapping[str, object] | None = None
+        self.log_handler: LogHandler | None = None
+
+    def status_document(self) -> dict[str, object]:
+        """The status as of now; the core's fields win over others of the same name."""
+        core: dict[str, object] = {"state": "STARTING"} if self.status is None else _fields(self.status)
+        return {**self._status_extra(), **self.more, **core, "t_ns": self._clock.now_ns()}
+
+    def on_status(self, arrival: Arrival) -> None:
+        """``status``: the newest."""
+        if arrival.query is not None:
+            reply(arrival.query, self._keys.full("status"), msgspec.json.encode(self.status_document()), "Status")
+
+    def on_result(self, arrival: Arrival) -> None:
+        """``roi/<id>/result``: the kept one; with a wildcard all that fit."""
+        if arrival.query is None:
+            return
+        request_id = request_id_of(arrival.key, "result")
+        now_ns = self._clock.now_ns()
+        if request_id is None:
+            self._reply_fitting(arrival.query, now_ns)
+            return
+        kept = self._results.get(request_id, now_ns)
+        if kept is not None:
+            reply(arrival.query, self._keys.of_request(request_id, "result"), kept, "RoiResult")
+            return
+        message = f"no result of {request_id} is kept: it has not ended, ended long ago, or was never asked for"
+        refuse(arrival.query, ErrorReply(code="unknown_id", message=message))
+
+    def on_calibration(self, arrival: Arrival) -> None:
+        """``calibration``: the loaded one."""
+        if arrival.query is None:
+            return
+        if self.calibration is None:
+            refuse(arrival.query, ErrorReply(code="unavailable", message="no calibration is loaded"))
+            return
+        reply(arrival.query, self._keys.full("calibration"), msgspec.json.encode(self.calibration), "Calibration")
+
+    def on_log(self, arrival: Arrival) -> None:
+        """``log``: list the closed files, or cut the current one."""
+        query = arrival.query
+        if query is None:
+            return
+        try:
+            action = self._log_action(arrival)
+        except RequestRefused as error:
+            refuse(query, ErrorReply(code=error.code, message=error.message, field=error.field))
+            return
+        token = self._pending.add(query, self._keys.full("log"))
+        if token is None:
+            refuse(query, BUSY)
+            return
+        task = asyncio.ensure_future(self._ask_log(token, action))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def close(self) -> None:
+        """Give up questions to the log that are under way."""
+        for task in tuple(self._tasks):
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    def _log_action(self, arrival: Arrival) -> Literal["list", "rotate"]:
+        request = decode(arrival.payload, LogRequest) if arrival.payload else LogRequest()
+        if request.action == "rotate" and not arrival.key.endswith("/log"):
+            message = "name the log by its whole key to cut its file"
+            raise RequestRefused("invalid", message, "$.action")
+        if self.log_handler is None:
+            raise RequestRefused("unavailable", "this daemon writes no log")
+        return request.action
+
+    async def _ask_log(self, token: int, action: Literal["list", "rotate"]) -> None:
+        assert self.log_handler is not None
+        try:
+            files = await self.log_handler(action)
+        except PtzdError as error:
+            self._pending.refuse(token, ErrorReply(code="failed", message=str(error)))
+            return
+        self._pending.reply(token, LogReply(files=tuple(files)))
+
+    def _reply_fitting(self, query: zenoh.Query, now_ns: int) -> None:
+        with query:
+            for request_id, payload in self._results.all(now_ns):
+                key = self._keys.of_request(request_id, "result")
+                if query.key_expr.intersects(zenoh.KeyExpr(key)):
+                    query.reply(key, payload, encoding=encoding("RoiResult"))
+
+
+def _fields(status: PublishStatus) -> dict[str, object]:
+    return {
+        "state": status.state,
+        "phase": status.phase,
+        "active": status.active,
+        "queue": status.queue,
+        "fisheye": status.fisheye,
+        "ptz": status.ptz,
+        "held": status.held,
+    }

@@ -1,0 +1,368 @@
+"""Ask a rig to look at something: the library for other apps.
+
+::
+
+    async with Client.open("tcp/127.0.0.1:7447", rig="hall") as client:
+        accepted = await client.request(box=(310, 220, 40, 32), hold_s=10)
+        async for step in client.feedback(accepted.id):
+            print(step.step, step.detail)
+        result = await client.result(accepted.id)
+
+Whoever cannot use Python needs no more than a Zenoh client and JSON: ``ptzd schema`` prints the schemas.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+from collections.abc import AsyncIterator, Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Literal, Self
+
+import msgspec
+import zenoh
+from zenoh.handlers import Callback
+
+from ptzd.bus.asking import ask, ask_one, decoded, rigs_alive
+from ptzd.bus.following import Following
+from ptzd.bus.inbox import Inbox
+from ptzd.bus.keys import Keys
+from ptzd.bus.messages import (
+    Accepted,
+    BoxPx,
+    CancelReply,
+    ControlReply,
+    Empty,
+    Feedback,
+    FrameName,
+    ImageAttachment,
+    LogReply,
+    LogRequest,
+    Pose,
+    RangeM,
+    RoiRequest,
+    RoiResult,
+    RoiUpdate,
+    Status,
+    ZoomTo,
+    encoding,
+)
+from ptzd.bus.session import client_config, close_session, open_session
+from ptzd.errors import BusError, RequestRefused
+
+BoxLike = BoxPx | tuple[float, float, float, float]
+"""A box, or its x, y, w, h in px of the fisheye picture."""
+Verb = Literal["home", "stop", "hold", "release"]
+ImageKey = Literal["fisheye", "ptz", "overlay"]
+Notice = Status | Pose | Feedback | RoiResult
+
+RESYNC_S = 2.0
+"""A published result can get lost on the way: while waiting for one, the kept one is asked for this often."""
+ENDED_KEPT = 256
+"""Requests that have ended and whose result is remembered here."""
+_NOTICES: dict[str, type[Notice]] = {"status": Status, "pose": Pose, "feedback": Feedback, "result": RoiResult}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BusImage:
+    """A picture from the bus."""
+
+    jpeg: bytes
+    attachment: ImageAttachment
+
+
+class Client:
+    """A connection to one rig.
+
+    Parameters
+    ----------
+    connect : sequence of str
+        Zenoh endpoints of the daemon or a router.
+    rig : str or None
+        Name of the rig; None takes the only one alive.
+    prefix : str
+        As in the daemon's settings.
+    config_file : str or None
+        Zenoh JSON5 file with certificates and the like.
+    timeout_s : float
+        How long to wait for the answer to a question, s.
+    """
+
+    def __init__(
+        self, connect: Sequence[str], rig: str | None, prefix: str, config_file: str | None, timeout_s: float
+    ) -> None:
+        self._connect = tuple(connect)
+        self._rig = rig
+        self._prefix = prefix
+        self._config_file = config_file
+        self._timeout_s = timeout_s
+        self._following: dict[str, Following] = {}
+
+    @classmethod
+    def open(
+        cls,
+        connect: str | Sequence[str] = "tcp/127.0.0.1:7447",
+        *,
+        rig: str | None = None,
+        prefix: str = "ptzd",
+        config_file: str | None = None,
+        timeout_s: float = 3.0,
+    ) -> Self:
+        """Prepare a client; ``async with`` connects.
+
+        Parameters
+        ----------
+        connect, rig, prefix, config_file, timeout_s
+            See the class.
+        """
+        return cls((connect,) if isinstance(connect, str) else connect, rig, prefix, config_file, timeout_s)
+
+    async def __aenter__(self) -> Self:
+        """Connect.
+
+        Raises
+        ------
+        BusError
+            When nobody listens at the address.
+        """
+        config = client_config(self._connect, self._config_file)
+        self._session = await open_session(config, f"bus: cannot connect to {', '.join(self._connect)}")
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Disconnect; requests under way go on without us."""
+        for following in self._following.values():
+            following.end()
+        await close_session(self._session)
+
+    async def rigs(self) -> list[str]:
+        """Names of the rigs alive, sorted."""
+        return await rigs_alive(self._session, self._prefix, self._timeout_s)
+
+    async def request(
+        self,
+        *,
+        box: BoxLike,
+        id: str | None = None,
+        frame_seq: int | None = None,
+        frame_t_capture_ns: int | None = None,
+        range_m: tuple[float, float | None] | None = None,
+        zoom: Literal["fit", "keep"] | float = "fit",
+        fill: float | None = None,
+        hold_s: float | None = None,
+        timeout_s: float | None = None,
+        priority: int = 0,
+        label: str = "",
+    ) -> Accepted:
+        """Ask the rig to look at a box.
+
+        Parameters
+        ----------
+        box : BoxPx or (x, y, w, h)
+            Region of the fisheye picture, px.
+        id : str
+            Chosen by the caller, 1 to 64 of ``A-Za-z0-9._-``; the same again is the same request. Default: random.
+        frame_seq, frame_t_capture_ns : int
+            The frame the box was drawn on, by one of the two; default: the newest.
+        range_m : (float, float or None)
+            Nearest and farthest distance, m; None as the farthest is infinity.
+        zoom : str or float
+            ``fit``, ``keep``, or a horizontal field of view in degrees.
+        fill : float
+            Share of the PTZ frame to fill, 0.05 to 0.95.
+        hold_s, timeout_s : float
+            How long to hold the lock, and how long to try, s.
+        priority : int
+            0 to 9, higher goes first.
+        label : str
+            Free text, at most 64 characters.
+
+        Raises
+        ------
+        RequestRefused
+            With code and field; nothing moves.
+        BusError
+            When nobody answers.
+        """
+        request = RoiRequest(
+            id=id or secrets.token_hex(8),
+            box=_box(box),
+            frame=_frame(frame_seq, frame_t_capture_ns),
+            range_m=RangeM(min=range_m[0], max=range_m[1]) if range_m else None,
+            zoom=zoom if isinstance(zoom, str) else ZoomTo(hfov_deg=zoom),
+            fill=fill,
+            hold_s=hold_s,
+            timeout_s=timeout_s,
+            priority=priority,
+            label=label,
+        )
+        known = request.id in self._following
+        keys = await self._keys()
+        self._follow(keys, request.id)
+        try:
+            return await ask_one(self._session, keys.full("roi"), Accepted, self._timeout_s, request)
+        except (BusError, RequestRefused):
+            if not known:
+                self._following.pop(request.id).end()
+            raise
+
+    async def feedback(self, request_id: str) -> AsyncIterator[Feedback]:
+        """Steps of a request as they come, until it has its result.
+
+        Steps before the first interest in an id that this client has not requested itself are not seen.
+        """
+        following = await self._follow_asking(request_id)
+        while not following.result.done():
+            steps = await following.steps(RESYNC_S)
+            for step in steps:
+                yield step
+            if not steps:
+                await self._resync(following)
+        for step in await following.steps(0):
+            yield step
+
+    async def result(self, request_id: str, timeout_s: float | None = None) -> RoiResult:
+        """The one result of a request, also of one that ended up to ten minutes ago.
+
+        Parameters
+        ----------
+        request_id : str
+            The id.
+        timeout_s : float or None
+            Longest wait, s; None waits as long as the daemon is there.
+
+        Raises
+        ------
+        BusError
+            When there is no result in time, or the daemon has gone.
+        """
+        try:
+            async with asyncio.timeout(timeout_s):
+                following = await self._follow_asking(request_id)
+                while not following.result.done():
+                    await asyncio.wait([following.result], timeout=RESYNC_S)
+                    await self._resync(following)
+                return following.result.result()
+        except TimeoutError:
+            raise BusError(f"no result of {request_id} within {timeout_s:g} s; it may still come: ask again") from None
+
+    async def cancel(self, request_id: str) -> str:
+        """Take a request back; returns what became of it.
+
+        Raises
+        ------
+        RequestRefused
+            ``unknown_id`` when there is no such request.
+        """
+        key = (await self._keys()).of_request(request_id, "cancel")
+        return (await ask_one(self._session, key, CancelReply, self._timeout_s, Empty())).outcome
+
+    async def update(
+        self,
+        request_id: str,
+        box: BoxLike,
+        *,
+        frame_seq: int | None = None,
+        frame_t_capture_ns: int | None = None,
+    ) -> None:
+        """Tell where the target of a request is now; sent without an answer."""
+        update = RoiUpdate(box=_box(box), frame=_frame(frame_seq, frame_t_capture_ns))
+        key = (await self._keys()).of_request(request_id, "update")
+        self._session.put(key, msgspec.json.encode(update), encoding=encoding("RoiUpdate"), express=True)
+
+    async def control(self, verb: Verb) -> str:
+        """Operator's verb: ``home``, ``stop``, ``hold`` or ``release``; returns what it did."""
+        key = (await self._keys()).full(f"control/{verb}")
+        return (await ask_one(self._session, key, ControlReply, self._timeout_s, Empty())).outcome
+
+    async def status(self) -> Status:
+        """The newest status."""
+        return await ask_one(self._session, (await self._keys()).full("status"), Status, self._timeout_s)
+
+    async def calibration(self) -> dict[str, object]:
+        """The loaded calibration, as in ``rig.yaml``."""
+        replies = await ask(self._session, (await self._keys()).full("calibration"), self._timeout_s)
+        return decoded(replies[0].payload.to_bytes(), dict[str, object])
+
+    async def log_files(self, *, rotate: bool = False) -> tuple[str, ...]:
+        """Closed log files, oldest first; with ``rotate`` the current one is closed before."""
+        wish = LogRequest(action="rotate" if rotate else "list")
+        key = (await self._keys()).full("log")
+        return (await ask_one(self._session, key, LogReply, self._timeout_s, wish)).files
+
+    async def watch(self) -> AsyncIterator[Notice]:
+        """Everything the rig says from now on: status, pose, feedback and results of all requests."""
+        keys = await self._keys()
+        inbox: Inbox[zenoh.Sample] = Inbox(asyncio.get_running_loop(), 1024, evict=True)
+        told = [
+            keys.full("status"),
+            keys.full("pose"),
+            keys.of_request("*", "feedback"),
+            keys.of_request("*", "result"),
+        ]
+        subscribers = [self._session.declare_subscriber(key, Callback(inbox.push, indirect=False)) for key in told]
+        try:
+            while True:
+                for sample in await inbox.take():
+                    leaf = str(sample.key_expr).rpartition("/")[2]
+                    yield decoded(sample.payload.to_bytes(), _NOTICES[leaf])
+        finally:
+            for subscriber in subscribers:
+                subscriber.undeclare()  # type: ignore[no-untyped-call]  # untyped in the stub
+
+    async def images(self, key: ImageKey) -> AsyncIterator[BusImage]:
+        """Pictures as they come; one that is not fetched in time is replaced by the next."""
+        full = (await self._keys()).full(f"image/{key}")
+        inbox: Inbox[zenoh.Sample] = Inbox(asyncio.get_running_loop(), 1, evict=True)
+        subscriber = self._session.declare_subscriber(full, Callback(inbox.push, indirect=False))
+        try:
+            while True:
+                for sample in await inbox.take():
+                    attached = sample.attachment.to_bytes() if sample.attachment is not None else b"{}"
+                    yield BusImage(jpeg=sample.payload.to_bytes(), attachment=decoded(attached, ImageAttachment))
+        finally:
+            subscriber.undeclare()  # type: ignore[no-untyped-call]  # untyped in the stub
+
+    async def _keys(self) -> Keys:
+        if self._rig is None:
+            alive = await self.rigs()
+            if len(alive) != 1:
+                found = f"there are {', '.join(alive)}; name one" if alive else "no rig is alive there"
+                raise BusError(f"bus: {self._prefix}/* on {', '.join(self._connect)}: {found}")
+            self._rig = alive[0]
+        return Keys(self._prefix, self._rig)
+
+    def _follow(self, keys: Keys, request_id: str) -> Following:
+        if request_id not in self._following:
+            ended = [known for known, following in self._following.items() if following.result.done()]
+            for known in ended[:-ENDED_KEPT]:
+                del self._following[known]
+            self._following[request_id] = Following(self._session, keys, request_id)
+        return self._following[request_id]
+
+    async def _follow_asking(self, request_id: str) -> Following:
+        known = request_id in self._following
+        following = self._follow(await self._keys(), request_id)
+        if not known:
+            await self._resync(following)
+        return following
+
+    async def _resync(self, following: Following) -> None:
+        if following.result.done():
+            return
+        try:
+            result = await ask_one(self._session, following.result_key, RoiResult, self._timeout_s)
+        except RequestRefused:
+            return
+        following.settle(result)
+
+
+def _box(box: BoxLike) -> BoxPx:
+    return box if isinstance(box, BoxPx) else BoxPx(x=box[0], y=box[1], w=box[2], h=box[3])
+
+
+def _frame(seq: int | None, t_capture_ns: int | None) -> FrameName | None:
+    return None if seq is None and t_capture_ns is None else FrameName(seq=seq, t_capture_ns=t_capture_ns)

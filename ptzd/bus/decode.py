@@ -1,0 +1,205 @@
+"""From payloads of strangers to events: either a legal value or a refusal with the path of the culprit.
+
+The decoder proper is msgspec's; a second look with the standard library finds what JSON itself allows but no sane
+sender means (a key twice) and names the place of a NaN, which is no JSON at all.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from typing import TypeVar
+
+import msgspec
+from msgspec import Struct
+
+from ptzd.bus.keys import is_id
+from ptzd.bus.messages import BoxPx, FrameName, RangeM, RoiRequest, RoiUpdate, ZoomTo
+from ptzd.control.events import PayloadRefused, RequestReceived, UpdateReceived, ZoomWish
+from ptzd.errors import RequestRefused
+from ptzd.model import Box
+
+MAX_PAYLOAD_BYTES = 8192
+"""Longest message accepted; the session's low-pass filter drops longer ones before they get here."""
+
+_M = TypeVar("_M", bound=Struct)
+_NAMED_FIELD = re.compile(r"(?:unknown|required) field `([^`]*)`")
+
+
+class _Repeated(ValueError):
+    """A key occurs twice in one object."""
+
+    def __init__(self, key: str) -> None:
+        super().__init__(key)
+        self.key = key
+
+
+def decode(payload: bytes, message: type[_M]) -> _M:
+    """Decode and check one message.
+
+    Raises
+    ------
+    RequestRefused
+        ``too_large``, ``not_json``, or ``invalid`` with the JSON path of the culprit.
+    """
+    if len(payload) > MAX_PAYLOAD_BYTES:
+        raise too_large(len(payload))
+    try:
+        value = msgspec.json.decode(payload, type=message)
+    except msgspec.ValidationError as error:
+        raise _invalid(str(error)) from None
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise _not_json(payload, str(error)) from None
+    _refuse_repeated(payload)
+    return value
+
+
+def too_large(size: int) -> RequestRefused:
+    """The refusal of a payload of so many bytes."""
+    return RequestRefused("too_large", f"the payload has {size} bytes, at most {MAX_PAYLOAD_BYTES} are allowed")
+
+
+def request_event(payload: bytes, t_ns: int, token: int | None) -> RequestReceived | PayloadRefused:
+    """What came in on ``roi``, as the event the core is told.
+
+    Parameters
+    ----------
+    payload : bytes
+        The message as it came.
+    t_ns : int
+        Arrival on the daemon's clock.
+    token : int or None
+        Names the query to answer; None for a put.
+    """
+    try:
+        request = decode(payload, RoiRequest)
+        _check_range(request.range_m)
+        _check_frame(request.frame)
+    except RequestRefused as error:
+        return refused(error, t_ns, token, readable_id(payload))
+    return RequestReceived(
+        t_ns=t_ns,
+        token=token,
+        id=request.id,
+        box=_box(request.box),
+        frame_seq=request.frame.seq if request.frame else None,
+        frame_t_capture_ns=request.frame.t_capture_ns if request.frame else None,
+        range_m=_range(request.range_m),
+        zoom=ZoomWish.HFOV if isinstance(request.zoom, ZoomTo) else ZoomWish(request.zoom),
+        hfov_deg=request.zoom.hfov_deg if isinstance(request.zoom, ZoomTo) else None,
+        fill=request.fill,
+        hold_s=request.hold_s,
+        timeout_s=request.timeout_s,
+        priority=request.priority,
+        label=request.label,
+    )
+
+
+def update_event(payload: bytes, t_ns: int, request_id: str) -> UpdateReceived | PayloadRefused:
+    """What came in on ``roi/<id>/update``.
+
+    A refused update carries no id: the request it belongs to goes on and must not be told that it ended.
+    """
+    try:
+        update = decode(payload, RoiUpdate)
+        _check_frame(update.frame)
+    except RequestRefused as error:
+        named = RequestRefused(error.code, f"update of {request_id}: {error.message}", error.field)
+        return refused(named, t_ns, None, None)
+    return UpdateReceived(
+        t_ns=t_ns,
+        id=request_id,
+        box=_box(update.box),
+        frame_seq=update.frame.seq if update.frame else None,
+        frame_t_capture_ns=update.frame.t_capture_ns if update.frame else None,
+    )
+
+
+def refused(error: RequestRefused, t_ns: int, token: int | None, request_id: str | None) -> PayloadRefused:
+    """The refusal as an event."""
+    return PayloadRefused(
+        t_ns=t_ns, token=token, code=error.code, message=error.message, field=error.field, id=request_id
+    )
+
+
+def readable_id(payload: bytes) -> str | None:
+    """The request's id in a payload that was refused; None when it cannot be told for certain."""
+    if len(payload) > MAX_PAYLOAD_BYTES:
+        return None
+    try:
+        document = json.loads(payload.decode(), object_pairs_hook=_unique)
+    except (ValueError, RecursionError):
+        return None
+    found = document.get("id") if isinstance(document, dict) else None
+    return found if isinstance(found, str) and is_id(found) else None
+
+
+def _invalid(text: str) -> RequestRefused:
+    message, _, path = text.partition(" - at `")
+    field = path.rstrip("`") or "$"
+    named = _NAMED_FIELD.search(message)
+    return RequestRefused("invalid", message, f"{field}.{named.group(1)}" if named else field)
+
+
+def _not_json(payload: bytes, reason: str) -> RequestRefused:
+    try:
+        document = json.loads(payload.decode(), object_pairs_hook=_unique)
+    except (ValueError, RecursionError):
+        return RequestRefused("not_json", f"the payload is not JSON in UTF-8: {reason}")
+    path = _not_finite(document, "$")
+    if path is None:
+        return RequestRefused("not_json", f"the payload is not JSON in UTF-8: {reason}")
+    return RequestRefused(
+        "invalid", "NaN and infinity are no numbers of JSON; give a finite value or leave it out", path
+    )
+
+
+def _not_finite(value: object, path: str) -> str | None:
+    if isinstance(value, float):
+        return None if math.isfinite(value) else path
+    items: list[tuple[str, object]] = []
+    if isinstance(value, dict):
+        items = [(f"{path}.{key}", item) for key, item in value.items()]
+    elif isinstance(value, list):
+        items = [(f"{path}[{index}]", item) for index, item in enumerate(value)]
+    found = (_not_finite(item, inner) for inner, item in items)
+    return next((inner for inner in found if inner is not None), None)
+
+
+def _unique(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    document: dict[str, object] = {}
+    for key, value in pairs:
+        if key in document:
+            raise _Repeated(key)
+        document[key] = value
+    return document
+
+
+def _refuse_repeated(payload: bytes) -> None:
+    try:
+        json.loads(payload, object_pairs_hook=_unique)
+    except _Repeated as error:
+        message = f"the field `{error.key}` occurs more than once"
+        raise RequestRefused("invalid", message, f"$..{error.key}") from None
+
+
+def _check_range(wanted: RangeM | None) -> None:
+    if wanted is not None and wanted.max is not None and wanted.min >= wanted.max:
+        message = f"the nearest range must be below the farthest, got {wanted.min} and {wanted.max} m"
+        raise RequestRefused("invalid", message, "$.range_m.max")
+
+
+def _check_frame(frame: FrameName | None) -> None:
+    if frame is not None and (frame.seq is None) == (frame.t_capture_ns is None):
+        raise RequestRefused("invalid", "name the frame by exactly one of seq and t_capture_ns", "$.frame")
+
+
+def _range(wanted: RangeM | None) -> tuple[float, float] | None:
+    if wanted is None:
+        return None
+    return (wanted.min, math.inf if wanted.max is None else wanted.max)
+
+
+def _box(box: BoxPx) -> Box:
+    return Box(x=box.x, y=box.y, w=box.w, h=box.h)

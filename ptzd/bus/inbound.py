@@ -1,0 +1,125 @@
+"""What others ask the core for, turned into events: requests, updates, cancels, operator verbs.
+
+A selector with wildcards may name several rigs (``ptzd/*/control/stop`` stops a fleet), but what it asks for must be
+spelt out: ``ptzd/**`` is somebody looking around and must move nothing.
+"""
+
+from __future__ import annotations
+
+from ptzd.bus.arrivals import Arrival, Handler
+from ptzd.bus.decode import decode, refused, request_event, too_large, update_event
+from ptzd.bus.intake import EventQueue
+from ptzd.bus.keys import Keys, request_id_of
+from ptzd.bus.messages import Empty
+from ptzd.bus.pending import BUSY, PendingQueries, refuse
+from ptzd.control.events import CancelReceived, ControlReceived, Event, PayloadRefused, Verb
+from ptzd.errors import RequestRefused
+from ptzd.ports import Clock
+
+
+class Inbound:
+    """Handlers for what the core decides on.
+
+    Parameters
+    ----------
+    keys : Keys
+        Of this rig.
+    clock : Clock
+        Stamps the events.
+    pending : PendingQueries
+        Keeps the queries until the core answers.
+    events : EventQueue
+        Where the events go.
+    """
+
+    def __init__(self, keys: Keys, clock: Clock, pending: PendingQueries, events: EventQueue) -> None:
+        self._keys = keys
+        self._clock = clock
+        self._pending = pending
+        self._events = events
+        self.dropped = 0
+        """Puts for which the core had no room."""
+
+    def on_request(self, arrival: Arrival) -> None:
+        """``roi``: a query or a put."""
+        if not arrival.key.endswith("/roi"):
+            _ignore(arrival)
+            return
+        token = self._token(arrival, self._keys.full("roi"))
+        if arrival.query is None or token is not None:
+            t_ns = self._clock.now_ns()
+            self._offer(_too_large(arrival, t_ns) or request_event(arrival.payload, t_ns, token), token)
+
+    def on_update(self, arrival: Arrival) -> None:
+        """``roi/<id>/update``: a put."""
+        request_id = request_id_of(arrival.key, "update")
+        t_ns = self._clock.now_ns()
+        if request_id is None:
+            error = RequestRefused("invalid", f"{arrival.key} names no request; ids are 1 to 64 of A-Za-z0-9._-", "$")
+            self._offer(refused(error, t_ns, None, None), None)
+        else:
+            self._offer(_too_large(arrival, t_ns) or update_event(arrival.payload, t_ns, request_id), None)
+
+    def on_cancel(self, arrival: Arrival) -> None:
+        """``roi/<id>/cancel``: a query."""
+        request_id = request_id_of(arrival.key, "cancel")
+        if request_id is None:
+            _ignore(arrival)
+            return
+        token = self._token(arrival, self._keys.of_request(request_id, "cancel"))
+        if token is not None:
+            t_ns = self._clock.now_ns()
+            cancel = CancelReceived(t_ns=t_ns, token=token, id=request_id)
+            self._offer(_refused_unless_empty(arrival, t_ns, token) or cancel, token)
+
+    def on_control(self, verb: Verb) -> Handler:
+        """Handler of the query ``control/<verb>``."""
+
+        def handle(arrival: Arrival) -> None:
+            if not arrival.key.endswith(f"/control/{verb}"):
+                _ignore(arrival)
+                return
+            token = self._token(arrival, self._keys.full(f"control/{verb}"))
+            if token is not None:
+                t_ns = self._clock.now_ns()
+                control = ControlReceived(t_ns=t_ns, token=token, verb=verb)
+                self._offer(_refused_unless_empty(arrival, t_ns, token) or control, token)
+
+        return handle
+
+    def _token(self, arrival: Arrival, key: str) -> int | None:
+        if arrival.query is None:
+            return None
+        token = self._pending.add(arrival.query, key)
+        if token is None:
+            refuse(arrival.query, BUSY)
+        return token
+
+    def _offer(self, event: Event, token: int | None) -> None:
+        if self._events.offer(event):
+            return
+        if token is None:
+            self.dropped += 1
+        else:
+            self._pending.refuse(token, BUSY)
+
+
+def _ignore(arrival: Arrival) -> None:
+    """Let somebody who looks around go without an answer."""
+    if arrival.query is not None:
+        arrival.query.drop()  # type: ignore[no-untyped-call]  # untyped in the stub
+
+
+def _too_large(arrival: Arrival, t_ns: int) -> PayloadRefused | None:
+    if arrival.size == len(arrival.payload):
+        return None
+    return refused(too_large(arrival.size), t_ns, None, None)
+
+
+def _refused_unless_empty(arrival: Arrival, t_ns: int, token: int) -> PayloadRefused | None:
+    try:
+        if arrival.payload:
+            decode(arrival.payload, Empty)
+    except RequestRefused as error:
+        return refused(error, t_ns, token, None)
+    return None

@@ -1,0 +1,285 @@
+"""Every message of the bus as a struct, with its encoding and its JSON Schema.
+
+What comes in is strict: an unknown field is refused, so that a misspelt option is not silently ignored. What goes out
+may gain fields without a new version, so readers of those skip what they do not know. Angles are degrees in fields
+ending ``_deg``, times ns since the epoch in ``_ns``; absent means unknown.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta, Struct
+
+from ptzd.errors import RequestRefused
+from ptzd.model import MIN_BOX_SIDE_PX, Outcome
+
+VERSION = "v1"
+
+# `$(?!\n)`: Python's `$` alone would let a trailing newline through.
+Id = Annotated[str, Meta(pattern=r"^[A-Za-z0-9._-]{1,64}$(?!\n)", description="1 to 64 of A-Z a-z 0-9 . _ -")]
+Label = Annotated[
+    str, Meta(max_length=64, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$(?!\n)", description="free text, no control characters")
+]
+Pixel = Annotated[float, Meta(ge=-1e6, le=1e6)]
+Side = Annotated[float, Meta(ge=MIN_BOX_SIDE_PX, le=1e6)]
+Counter = Annotated[int, Meta(ge=0, le=(1 << 63) - 1)]
+Metres = Annotated[float, Meta(gt=0, le=1e9)]
+Seconds = Annotated[float, Meta(ge=0, le=86400, description="s, at most one day")]
+Document = dict[str, Any]
+Plain = float | int | str | bool | None
+Timeout = Annotated[float, Meta(gt=0, le=86400, description="s, at most one day")]
+
+
+class Incoming(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+    """A message to the daemon."""
+
+
+class Outgoing(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A message from the daemon."""
+
+
+class BoxPx(Incoming, frozen=True):
+    """Rectangle in the fisheye picture, pixel centres at integers; centre = (x + w/2, y + h/2)."""
+
+    x: Pixel
+    y: Pixel
+    w: Side
+    h: Side
+
+
+class FrameName(Incoming, frozen=True):
+    """The fisheye frame a box was drawn on: one of the two."""
+
+    seq: Counter | None = None
+    t_capture_ns: Counter | None = None
+
+
+class RangeM(Incoming, frozen=True):
+    """Where along the ray to look, in m (in baselines when the rig is not metric); no ``max`` = up to infinity."""
+
+    min: Metres
+    max: Metres | None = None
+
+
+class ZoomTo(Incoming, frozen=True):
+    """Zoom until the picture is this wide."""
+
+    hfov_deg: Annotated[float, Meta(gt=0, lt=180)]
+
+
+Frame = Annotated[FrameName | None, Meta(extra_json_schema={"minProperties": 1, "maxProperties": 1})]
+
+
+class RoiRequest(Incoming, frozen=True):
+    """Look at this region. The same id again is the same request."""
+
+    id: Id
+    box: BoxPx
+    frame: Frame = None
+    """Absent = the newest frame."""
+    range_m: RangeM | None = None
+    zoom: Literal["fit", "keep"] | ZoomTo = "fit"
+    fill: Annotated[float, Meta(ge=0.05, le=0.95)] | None = None
+    """Share of the PTZ frame that the region is to fill, with zoom ``fit``."""
+    hold_s: Seconds | None = None
+    timeout_s: Timeout | None = None
+    priority: Annotated[int, Meta(ge=0, le=9)] = 0
+    label: Label = ""
+
+
+class RoiUpdate(Incoming, frozen=True):
+    """A newer box of the same, moving target."""
+
+    box: BoxPx
+    frame: Frame = None
+
+
+class Empty(Incoming, frozen=True):
+    """Payload of a cancel or a control verb: ``{}`` or nothing."""
+
+
+class LogRequest(Incoming, frozen=True):
+    """What to do with the log; nothing at all means ``list``."""
+
+    action: Literal["list", "rotate"] = "list"
+
+
+class FrameId(Outgoing, frozen=True):
+    """One picture of one stream."""
+
+    seq: int
+    t_capture_ns: int
+
+
+class Accepted(Outgoing, frozen=True):
+    """The request is taken on."""
+
+    id: str
+    frame: FrameId | None = None
+    """The frame the box was taken from."""
+    position: int = 0
+    """0 = active now, 1… = place in the queue."""
+
+
+class ErrorReply(Outgoing, frozen=True):
+    """Why not."""
+
+    code: str
+    message: str
+    field: str = "$"
+    """JSON path of the culprit, ``$`` for the whole message."""
+
+
+class Feedback(Outgoing, frozen=True):
+    """One step of a request."""
+
+    id: str
+    t_ns: int
+    step: str
+    detail: dict[str, Plain] = {}
+
+
+class Point(Outgoing, frozen=True):
+    """A place in a picture, px."""
+
+    x: float
+    y: float
+
+
+class LogReference(Outgoing, frozen=True):
+    """Where in the log a moment lies."""
+
+    file: str
+    t_ns: int
+
+
+class RoiResult(Outgoing, frozen=True):
+    """The one end of a request. Directions are of the calibrated head frame, pan right +, tilt up +."""
+
+    id: str
+    outcome: Outcome
+    reason: str
+    elapsed_ms: int
+    views: int
+    label: str = ""
+    pan_deg: float | None = None
+    tilt_deg: float | None = None
+    zoom: float | None = None
+    hfov_deg: float | None = None
+    box_ptz: tuple[Point, ...] = ()
+    """Corners of the region in the PTZ picture."""
+    range_m: float | None = None
+    probability: float | None = None
+    sigma_deg: float | None = None
+    log: LogReference | None = None
+
+
+class CancelReply(Outgoing, frozen=True):
+    """What the cancel did."""
+
+    outcome: str
+
+
+class ControlReply(Outgoing, frozen=True):
+    """What the operator's verb did."""
+
+    outcome: str
+
+
+class LogReply(Outgoing, frozen=True):
+    """Closed log files, oldest first."""
+
+    files: tuple[str, ...]
+
+
+class Pose(Outgoing, frozen=True):
+    """Where the head looks."""
+
+    t_ns: int
+    pan_deg: float
+    tilt_deg: float
+    zoom: float
+    hfov_deg: float | None = None
+    sigma_deg: float | None = None
+    moving: bool = False
+
+
+class Status(Outgoing, frozen=True):
+    """The state of the rig."""
+
+    t_ns: int
+    state: str
+    phase: str = ""
+    active: str | None = None
+    """Id of the request being worked on."""
+    queue: tuple[str, ...] = ()
+    fisheye: str = ""
+    """``well`` or the reason why not."""
+    ptz: str = ""
+    held: bool = False
+    devices: Document = {}
+    pose: Pose | None = None
+    log: Document = {}
+    versions: dict[str, str] = {}
+
+
+class Calibration(Outgoing, frozen=True):
+    """The loaded ``rig.yaml``."""
+
+    ptzd_calibration: int
+    fisheye: Document
+    ptz: Document
+    head: Document
+    rig: Document
+    uncertainty: Document = {}
+    provenance: Document = {}
+
+
+class ImageAttachment(Outgoing, frozen=True):
+    """What a JPEG on ``image/…`` shows; w, h in px."""
+
+    seq: int
+    t_capture_ns: int
+    w: int
+    h: int
+    pan_deg: float | None = None
+    tilt_deg: float | None = None
+    zoom: float | None = None
+    hfov_deg: float | None = None
+    moving: bool | None = None
+
+
+MESSAGES: dict[str, type[Struct]] = {
+    message.__name__: message
+    for message in (
+        RoiRequest, RoiUpdate, Empty, LogRequest, Accepted, ErrorReply, Feedback, RoiResult, CancelReply, ControlReply,
+        LogReply, Pose, Status, Calibration, ImageAttachment,
+    )
+}  # fmt: skip
+
+
+def encoding(name: str) -> str:
+    """Zenoh encoding of a message type, e.g. ``application/json;ptzd.RoiRequest.v1``."""
+    return f"application/json;ptzd.{name}.{VERSION}"
+
+
+def message_types() -> tuple[str, ...]:
+    """Names of all messages, in alphabetical order."""
+    return tuple(sorted(MESSAGES))
+
+
+def schema(name: str) -> dict[str, object]:
+    """JSON Schema (draft 2020-12) of a message type.
+
+    Raises
+    ------
+    RequestRefused
+        When there is no such type; the message lists all.
+    """
+    if name not in MESSAGES:
+        message = f"there is no message type {name!r}; there are {', '.join(message_types())}"
+        raise RequestRefused("unknown_type", message)
+    body = msgspec.json.schema(MESSAGES[name])
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": f"ptzd.{name}.{VERSION}", **body}

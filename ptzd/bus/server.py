@@ -1,0 +1,279 @@
+"""The daemon's end of the bus: fulfils :class:`ptzd.ports.Bus` with a Zenoh session."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
+from contextlib import AsyncExitStack
+from types import TracebackType
+from typing import Self, cast
+
+import msgspec
+import zenoh
+
+from ptzd.bus.answers import Answers, LogHandler
+from ptzd.bus.arrivals import Arrivals
+from ptzd.bus.images import ImagePublisher
+from ptzd.bus.inbound import Inbound
+from ptzd.bus.intake import EventQueue
+from ptzd.bus.keys import Keys
+from ptzd.bus.messages import (
+    Accepted,
+    CancelReply,
+    ControlReply,
+    ErrorReply,
+    Feedback,
+    FrameId,
+    LogReference,
+    Plain,
+    Point,
+    RoiResult,
+    encoding,
+)
+from ptzd.bus.pending import PendingQueries
+from ptzd.bus.results import KeptResults
+from ptzd.bus.session import close_session, daemon_config, open_session
+from ptzd.config import BusSettings
+from ptzd.control.commands import (
+    Command,
+    PublishFeedback,
+    PublishResult,
+    PublishStatus,
+    ReplyAccepted,
+    ReplyOutcome,
+    ReplyRefused,
+)
+from ptzd.control.events import CancelReceived, ControlReceived, Event, PayloadRefused, RequestReceived, Verb
+from ptzd.ports import Clock
+
+ANSWER_WITHIN_S = 2.0
+"""Latest answer to a query, as interface.md promises."""
+STATUS_EVERY_S = 1.0
+PENDING_LIMIT = 256
+"""Queries that may wait for their answer at once."""
+
+BUS_COMMANDS = (ReplyAccepted, ReplyRefused, ReplyOutcome, PublishFeedback, PublishResult, PublishStatus)
+"""What :meth:`ZenohBus.perform` takes."""
+
+
+class ZenohBus:
+    """The rig on the bus.
+
+    Parameters
+    ----------
+    settings : BusSettings
+        Prefix, mode, endpoints.
+    rig_name : str
+        Name of the rig, one key chunk.
+    clock : Clock
+        Stamps what comes in and goes out.
+    results_kept_s : float
+        How long results are kept for those who ask late, s.
+    log_reference : Callable[[], LogReference | None]
+        Where the log stands; goes into results.
+    status_extra : Callable[[], Mapping[str, object]]
+        Fields of ``Status`` that the core does not know (devices, pose, log, versions); called at least every second.
+    """
+
+    def __init__(
+        self,
+        settings: BusSettings,
+        rig_name: str,
+        clock: Clock,
+        *,
+        results_kept_s: float = 600.0,
+        log_reference: Callable[[], LogReference | None] = lambda: None,
+        status_extra: Callable[[], Mapping[str, object]] = dict,
+    ) -> None:
+        self._settings = settings
+        self._keys = Keys(settings.prefix, rig_name)
+        self._clock = clock
+        self._results = KeptResults(results_kept_s)
+        self._log_reference = log_reference
+        self._status_extra = status_extra
+
+    async def __aenter__(self) -> Self:
+        """Open the session, declare the keys, show the rig as alive.
+
+        Raises
+        ------
+        BusError
+            When the address is taken, or Zenoh cannot open.
+        ConfigError
+            When Zenoh refuses a setting.
+        """
+        config = daemon_config(self._settings)
+        self._session = await open_session(config, f"bus: cannot open {', '.join(self._settings.listen)}")
+        self._pending = PendingQueries(asyncio.get_running_loop(), PENDING_LIMIT, ANSWER_WITHIN_S)
+        self._events = EventQueue(self._still_wanted)
+        self._inbound = Inbound(self._keys, self._clock, self._pending, self._events)
+        self._answers = Answers(self._keys, self._clock, self._pending, self._results, self._status_extra)
+        async with AsyncExitStack() as opened:
+            opened.push_async_callback(close_session, self._session)
+            self._images = ImagePublisher(self._session, self._keys)
+            self._images.start()
+            opened.push_async_callback(asyncio.to_thread, self._images.stop)
+            self._arrivals = self._declare()
+            self._alive = self._session.liveliness().declare_token(self._keys.full("alive"))
+            self._opened = opened.pop_all()
+        self._reading = [self._run(arrivals.run()) for arrivals in self._arrivals]
+        self._beating = self._run(self._repeat_status())
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Withdraw, answer everybody who waits, close."""
+        self._alive.undeclare()  # type: ignore[no-untyped-call]  # untyped in the stub
+        for arrivals in self._arrivals:
+            arrivals.undeclare()
+        self._events.close()
+        self._beating.cancel()
+        await asyncio.gather(self._beating, *self._reading, return_exceptions=True)
+        await self._answers.close()
+        self._pending.close()
+        self._put("status", {**self._answers.status_document(), "state": "STOPPING"}, "Status")
+        await self._opened.aclose()
+
+    def events(self) -> AsyncIterator[Event]:
+        """What came in, in order of arrival; ends when the bus is closed."""
+        return aiter(self._events)
+
+    def perform(self, command: Command) -> None:
+        """Reply or publish; returns at once.
+
+        Raises
+        ------
+        TypeError
+            For a command that is not the bus's (see ``BUS_COMMANDS``).
+        """
+        match command:
+            case ReplyAccepted():
+                frame = FrameId(seq=command.frame.seq, t_capture_ns=command.frame.t_capture_ns)
+                self._pending.reply(command.token, Accepted(id=command.id, frame=frame, position=command.position))
+            case ReplyRefused():
+                error = ErrorReply(code=command.code, message=command.message, field=command.field)
+                self._pending.refuse(command.token, error)
+            case ReplyOutcome():
+                cancel = (self._pending.key_of(command.token) or "").endswith("/cancel")
+                outcome = CancelReply if cancel else ControlReply
+                self._pending.reply(command.token, outcome(outcome=command.outcome))
+            case PublishFeedback():
+                self._publish_feedback(command)
+            case PublishResult():
+                self._publish_result(command)
+            case PublishStatus():
+                self._answers.status = command
+                self._publish_status()
+            case _:
+                message = f"the bus does not perform {type(command).__name__}"
+                raise TypeError(message)
+
+    def publish(self, key: str, document: dict[str, object]) -> None:
+        """Put a JSON document: ``pose``, or further fields of ``status`` (kept and shown from then on)."""
+        if key == "status":
+            self._answers.more = dict(document)
+            self._publish_status()
+        else:
+            self._put(key, document, key.rpartition("/")[2].capitalize())
+
+    def publish_image(self, key: str, jpeg: bytes, attachment: dict[str, object]) -> None:
+        """Offer a picture on ``image/fisheye``, ``image/ptz`` or ``image/overlay``; latest wins, never waits."""
+        self._images.offer(key, jpeg, attachment)
+
+    def image_wanted(self, key: str) -> bool:
+        """Whether somebody listens to ``image/fisheye``, ``image/ptz`` or ``image/overlay``."""
+        return self._images.wanted(key)
+
+    def set_calibration(self, document: Mapping[str, object]) -> None:
+        """What a query on ``calibration`` is answered with: the parsed ``rig.yaml``."""
+        self._answers.calibration = document
+
+    def on_log_query(self, handler: LogHandler) -> None:
+        """Register who lists (``list``) or cuts (``rotate``) the log; it returns the closed files, oldest first."""
+        self._answers.log_handler = handler
+
+    def counters(self) -> dict[str, int]:
+        """Messages dropped, queries expired, pictures sent and replaced, since the start."""
+        return {
+            "dropped": self._inbound.dropped + sum(arrivals.dropped for arrivals in self._arrivals),
+            "expired": self._pending.expired,
+            "images_sent": self._images.sent,
+            "images_replaced": self._images.replaced,
+        }
+
+    def _declare(self) -> tuple[Arrivals, ...]:
+        keys, session = self._keys, self._session
+        urgent, requests, reads = Arrivals(session, 64), Arrivals(session, 64), Arrivals(session, 256)
+        updates = Arrivals(session, 64, evict=True)
+        urgent.answer(keys.of_request("*", "cancel"), self._inbound.on_cancel)
+        for verb in Verb:
+            urgent.answer(keys.full(f"control/{verb}"), self._inbound.on_control(verb))
+        requests.answer(keys.full("roi"), self._inbound.on_request)
+        requests.listen(keys.full("roi"), self._inbound.on_request)
+        updates.listen(keys.of_request("*", "update"), self._inbound.on_update)
+        reads.answer(keys.full("status"), self._answers.on_status)
+        reads.answer(keys.of_request("*", "result"), self._answers.on_result)
+        reads.answer(keys.full("calibration"), self._answers.on_calibration)
+        reads.answer(keys.full("log"), self._answers.on_log)
+        return urgent, requests, updates, reads
+
+    def _still_wanted(self, event: Event) -> bool:
+        """An event whose query has been told ``internal`` must not take effect any more."""
+        if isinstance(event, RequestReceived | PayloadRefused | CancelReceived | ControlReceived):
+            return event.token is None or self._pending.waits(event.token)
+        return True
+
+    def _publish_feedback(self, command: PublishFeedback) -> None:
+        detail = cast("dict[str, Plain]", command.detail)
+        feedback = Feedback(id=command.id, t_ns=self._clock.now_ns(), step=command.step, detail=detail)
+        self._put(f"roi/{command.id}/feedback", feedback, "Feedback")
+
+    def _publish_result(self, command: PublishResult) -> None:
+        result = RoiResult(
+            id=command.id,
+            outcome=command.outcome,
+            reason=command.reason,
+            elapsed_ms=command.elapsed_ms,
+            views=command.views,
+            label=command.label,
+            pan_deg=command.pan_deg,
+            tilt_deg=command.tilt_deg,
+            zoom=command.zoom,
+            hfov_deg=command.hfov_deg,
+            box_ptz=tuple(Point(x=x, y=y) for x, y in command.box_ptz),
+            range_m=command.range_m,
+            probability=command.probability,
+            sigma_deg=command.sigma_deg,
+            log=self._log_reference(),
+        )
+        self._results.put(command.id, msgspec.json.encode(result), self._clock.now_ns())
+        self._put(f"roi/{command.id}/result", result, "RoiResult")
+
+    def _publish_status(self) -> None:
+        self._put("status", self._answers.status_document(), "Status")
+
+    def _run(self, work: Coroutine[None, None, None]) -> asyncio.Task[None]:
+        task = asyncio.get_running_loop().create_task(work)
+        task.add_done_callback(self._ended)
+        return task
+
+    def _ended(self, task: asyncio.Task[None]) -> None:
+        """Whoever reads the events hears of a fault in here."""
+        if not task.cancelled() and task.exception() is not None:
+            self._events.close(task.exception())
+
+    async def _repeat_status(self) -> None:
+        while True:
+            self._publish_status()
+            await asyncio.sleep(STATUS_EVERY_S)
+
+    def _put(self, key: str, document: object, message: str) -> None:
+        # Per-request keys are put on the session: declaring a publisher per id would never be given back by Zenoh.
+        self._session.put(
+            self._keys.full(key),
+            msgspec.json.encode(document),
+            encoding=encoding(message),
+            congestion_control=zenoh.CongestionControl.DROP,
+            express=True,
+        )

@@ -1,0 +1,59 @@
+from __future__ import annotations
+
+import pytest
+
+from ptzd.bus.intake import REQUESTS, URGENT, EventQueue
+from ptzd.control.events import CancelReceived, ControlReceived, Event, PayloadRefused, UpdateReceived, Verb
+from ptzd.model import Box
+
+
+def refusal(n: int) -> PayloadRefused:
+    return PayloadRefused(t_ns=n, token=None, code="invalid", message="", field="$")
+
+
+def update(n: int, request_id: str) -> UpdateReceived:
+    return UpdateReceived(t_ns=n, id=request_id, box=Box(x=0, y=0, w=9, h=9))
+
+
+async def drained(queue: EventQueue) -> list[Event]:
+    queue.close()
+    return [event async for event in queue]
+
+
+async def test_a_flood_leaves_room_for_the_operator():
+    queue = EventQueue(lambda _: True)
+    assert [queue.offer(refusal(n)) for n in range(REQUESTS + 1)] == [True] * REQUESTS + [False]
+    stop = ControlReceived(t_ns=1, token=1, verb=Verb.STOP)
+    assert [queue.offer(stop) for _ in range(URGENT + 1)] == [True] * URGENT + [False]
+    assert not queue.offer(refusal(0))
+    events = await drained(queue)
+    assert events[:REQUESTS] == [refusal(n) for n in range(REQUESTS)]
+    assert events[REQUESTS:] == [stop] * URGENT
+
+
+async def test_only_the_newest_update_of_a_request_waits():
+    queue = EventQueue(lambda _: True)
+    for event in (update(1, "a"), update(2, "b"), update(3, "a"), CancelReceived(t_ns=4, token=1, id="b")):
+        assert queue.offer(event)
+    assert [event.t_ns for event in await drained(queue)] == [2, 3, 4]
+
+
+async def test_what_is_no_longer_wanted_is_skipped_when_taken():
+    unwanted: set[int] = set()
+    queue = EventQueue(lambda event: event.t_ns not in unwanted)
+    for n in range(4):
+        queue.offer(refusal(n))
+    unwanted |= {1, 2}
+    assert [event.t_ns for event in await drained(queue)] == [0, 3]
+
+
+async def test_a_fault_reaches_the_reader_after_what_was_waiting():
+    queue = EventQueue(lambda _: True)
+    queue.offer(refusal(1))
+    queue.close(ZeroDivisionError("a fault"))
+    seen = []
+    with pytest.raises(ZeroDivisionError, match="a fault"):
+        async for event in queue:
+            seen.append(event)  # noqa: PERF401 - what came before the error counts
+    assert seen == [refusal(1)]
+    assert not queue.offer(refusal(2))

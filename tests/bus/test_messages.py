@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+import json
+
+import jsonschema
+import msgspec
+import pytest
+
+from ptzd.bus.messages import (
+    MESSAGES,
+    Accepted,
+    BoxPx,
+    FrameName,
+    Incoming,
+    Outgoing,
+    RoiRequest,
+    RoiResult,
+    encoding,
+    message_types,
+    schema,
+)
+from ptzd.errors import RequestRefused
+from ptzd.model import Outcome
+
+
+@pytest.mark.parametrize("name", message_types())
+def test_schema_is_valid_and_names_its_version(name: str):
+    document = schema(name)
+    jsonschema.Draft202012Validator.check_schema(document)
+    assert document["title"] == f"ptzd.{name}.v1"
+    assert isinstance(json.dumps(document), str)
+    assert encoding(name) == f"application/json;ptzd.{name}.v1"
+
+
+def test_schema_judges_as_the_decoder_does():
+    check = jsonschema.Draft202012Validator(schema("RoiRequest"))
+    good = {"id": "a", "box": {"x": 0, "y": 0, "w": 8, "h": 8}, "frame": {"seq": 3}}
+    assert check.is_valid(good)
+    assert not check.is_valid({**good, "colour": 1})
+    assert not check.is_valid({**good, "box": {"x": 0, "y": 0, "w": 7, "h": 8}})
+    assert not check.is_valid({**good, "frame": {}})
+    assert not check.is_valid({**good, "id": "a b"})
+    request = RoiRequest(id="a", box=BoxPx(x=0, y=0, w=8, h=8), frame=FrameName(seq=3))
+    assert check.is_valid(json.loads(msgspec.json.encode(request)))
+
+
+def test_unknown_type_lists_what_there_is():
+    with pytest.raises(RequestRefused, match="RoiRequest"):
+        schema("Goal")
+
+
+@pytest.mark.parametrize("message", MESSAGES.values())
+def test_strict_towards_the_daemon_and_open_towards_the_apps(message: type[msgspec.Struct]):
+    assert issubclass(message, Incoming | Outgoing)
+    assert message.__struct_config__.frozen
+    assert message.__struct_config__.forbid_unknown_fields == issubclass(message, Incoming)
+
+
+def test_absent_means_unknown():
+    result = RoiResult(id="a", outcome=Outcome.NOT_FOUND, reason="no", elapsed_ms=1, views=2)
+    document = json.loads(msgspec.json.encode(result))
+    assert document == {"id": "a", "outcome": "not_found", "reason": "no", "elapsed_ms": 1, "views": 2}
+    later = msgspec.json.decode(b'{"id":"a","position":1,"new_field":3}', type=Accepted)
+    assert later == Accepted(id="a", position=1)
