@@ -25,7 +25,7 @@ class RigPose(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     translation_m: Triple
     """T: the fisheye's centre in the frame of the head."""
     metric: bool
-    """False where the length of T is a guess, so that ranges are known up to one factor only."""
+    """True if T is in metres (the real pairs: to the publisher's approximate figure), else |T| = 1."""
 
 
 class PictureFiles(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -228,7 +228,7 @@ def test_both_real_pictures_show_the_same_thing_along_the_truth(pair):
         around = perspective(ray, 6, 24)
         seen = around @ pair.head_from_fisheye_rotation.T * pair.truth(ray).range_m
         seen = unit(seen + pair.head_from_fisheye_translation_m)
-        pictures = [pair.fisheye_colour.sample(around, 0.005), pair.ptz_colour.sample(seen, 0.005)]
+        pictures = [pair.sample_fisheye(around, np.ones((24, 24), bool)), pair.sample_ptz(seen, 0.005)]
         assert np.corrcoef(*(p.mean(axis=2).ravel() for p in pictures))[0, 1] > 0.8, box.name
 
 
