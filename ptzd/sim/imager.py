@@ -1,7 +1,8 @@
-"""What the simulated lenses see: pictures rendered for true poses, with blur, noise and JPEG. Runs in worker threads."""
+"""What the simulated lenses see: pictures of true poses, with blur, noise and JPEG. Runs in worker threads."""
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import OrderedDict
 from dataclasses import dataclass
@@ -24,6 +25,8 @@ Rays = NDArray[np.float32]
 
 GRID_STEP_PX = 8
 """Rays are exact on this grid and linear in between: under 0.01 px for the distortions of the profiles."""
+MAX_SMEAR_PX = 40.0
+"""Longer smears look the same and cost more."""
 _KEPT = 4
 _NOISE_MARGIN_PX = 64
 
@@ -32,9 +35,11 @@ _NOISE_MARGIN_PX = 64
 class Exposure:
     """What one picture shows."""
 
-    poses: tuple[Pose, ...]
-    """True poses spread over the exposure; one when the head rests."""
+    pose: Pose
+    """True pose at the middle of the exposure."""
     size_px: tuple[int, int]
+    sweep_px: tuple[float, float] = (0.0, 0.0)
+    """How far the picture moves during the exposure, (x, y); 0 when the head rests."""
     defocus_px: float = 0.0
     """Sigma of the blur of a lens that has not focused yet."""
     gain: float = 1.0
@@ -112,11 +117,10 @@ class PtzEye:
 
     def clean(self, exposure: Exposure) -> Pixels:
         """The picture before noise."""
-        if len(exposure.poses) == 1:
-            picture = self._still_at(exposure.poses[0], exposure.size_px)
+        if exposure.sweep_px == (0.0, 0.0):
+            picture = self._still_at(exposure.pose, exposure.size_px)
         else:
-            shots = [self._render(pose, exposure.size_px).astype(np.uint16) for pose in exposure.poses]
-            picture = (sum(shots[1:], shots[0]) // len(shots)).astype(np.uint8)
+            picture = smeared(self._render(exposure.pose, exposure.size_px), exposure.sweep_px)
         if exposure.defocus_px > 0.1:
             picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), exposure.defocus_px), np.uint8)
         if exposure.gain != 1.0:
@@ -145,18 +149,28 @@ class PtzEye:
 
 
 def camera_rays(camera: PerspectiveCamera) -> Rays:
-    """Unit rays ``(H, W, 3)`` of every pixel, in the camera's frame."""
+    """Rays ``(H, W, 3)`` of every pixel, in the camera's frame, of unit length to 1e-4."""
     width, height = camera.size_px
     columns, rows = -(-width // GRID_STEP_PX) + 1, -(-height // GRID_STEP_PX) + 1
     nodes = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1) * float(GRID_STEP_PX)
     coarse, valid = camera.lift(nodes)
     if not valid.all():
         raise ValueError("the lens distortion folds inside the picture")
-    plane = (coarse[..., :2] / coarse[..., 2:]).astype(np.float32)
-    x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
-    fine = cv2.remap(plane, x / GRID_STEP_PX, y / GRID_STEP_PX, cv2.INTER_LINEAR)
-    rays = np.concatenate([fine, np.ones((height, width, 1), np.float32)], axis=-1)
-    return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True), np.float32)
+    step = np.float32(1 / GRID_STEP_PX)
+    x, y = np.meshgrid(np.arange(width, dtype=np.float32) * step, np.arange(height, dtype=np.float32) * step)
+    return np.asarray(cv2.remap(coarse.astype(np.float32), x, y, cv2.INTER_LINEAR), np.float32)
+
+
+def smeared(picture: Pixels, sweep_px: tuple[float, float]) -> Pixels:
+    """The picture moved evenly by ``sweep_px`` while it was exposed."""
+    length = min(math.hypot(*sweep_px), MAX_SMEAR_PX)
+    scale = length / math.hypot(*sweep_px)
+    half = math.ceil(length / 2)
+    kernel = np.zeros((2 * half + 1, 2 * half + 1), np.float32)
+    for share in np.linspace(-0.5, 0.5, 4 * half + 1).tolist():
+        column, row = half + share * scale * sweep_px[0], half + share * scale * sweep_px[1]
+        kernel[round(row), round(column)] += 1
+    return np.asarray(cv2.filter2D(picture, -1, kernel / kernel.sum(), borderType=cv2.BORDER_REPLICATE), np.uint8)
 
 
 def fisheye_picture(scene: Scene, camera: CameraModel) -> Pixels:

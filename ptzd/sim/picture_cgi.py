@@ -93,7 +93,7 @@ class PictureCgi:
         exposure = exposure_at(self._unit, t_s, kind.size_px)
         work = partial(self._eye.jpeg, exposure, quality=quality_of(kind.compression), rotation=kind.rotation)
         jpeg = await self._darkroom.run(work)
-        self._shots.add(jpeg, t_s, exposure.poses[len(exposure.poses) // 2])
+        self._shots.add(jpeg, t_s, exposure.pose)
         return jpeg
 
     async def image(self, request: web.Request) -> web.StreamResponse:

@@ -41,7 +41,7 @@ class SimSettings:
     """A rig without hardware."""
 
     scene: str = "room"
-    profile: str = "v5915"
+    profile: str = "dome"
     user: str = "ptzd"
     password: str = field(default="pan-tilt-zoom", repr=False)
     role: Role = Role.OPERATOR
