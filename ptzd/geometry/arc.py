@@ -24,6 +24,23 @@ fisheye."""
 _COLLINEAR = 1e-9
 
 
+def inverse_range_of(rotated: Array, bearings: Array, translation: Array) -> Array:
+    """Return the inverse ranges ``(...)`` that put unit directions P ``(..., 3)`` on the arcs of rays r = R P_f.
+
+    With ``f = T - (T·r) r``, at right angles to r in the epipolar plane,
+    ``s = P·f / ((T·f)(P·r) - (T·r)(P·f))``. What P has across the plane drops out, so the answer belongs to the nearest
+    point of the circle; on the circle it equals ``-((P x T)·(P x r)) / |P x T|²``. Infinite where P lies on the
+    epipole or r on the baseline.
+    """
+    shift_r = rotated @ translation
+    along_r = (bearings * rotated).sum(axis=-1)
+    along_f = bearings @ translation - along_r * shift_r
+    square = float(translation @ translation)
+    below = (square - shift_r * shift_r) * along_r - shift_r * along_f
+    sees = np.abs(below) > _COLLINEAR * square
+    return np.where(sees, along_f / np.where(sees, below, 1.0), np.inf)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EpipolarArc:
     """The arc of one ray between two inverse ranges; made by `EpipolarArc.of`.
@@ -96,16 +113,12 @@ class EpipolarArc:
         return np.where(nowhere, self.epipole, normalise(sums))
 
     def inverse_range(self, bearing: ArrayLike) -> Array:
-        """Return the inverse ranges ``(...)`` of directions ``(..., 3)``: ``s = -(P x T)·(P x R P_f) / |P x T|²``.
+        """Return the inverse ranges ``(...)`` of the points of the circle nearest to directions ``(..., 3)``.
 
-        Off the arc's circle this is the least-squares answer. It is negative outside the half from ``rotated`` to the
-        epipole, infinite at the epipole, and the same for a direction and its antipode.
+        Negative outside the half from ``rotated`` to the epipole, infinite at the epipole, and the same for a direction
+        and its antipode. See `inverse_range_of`.
         """
-        direction = normalise(checked(bearing, 3, "bearing"))
-        across_t, across_r = cross(direction, self.translation), cross(direction, self.rotated)
-        square = (across_t * across_t).sum(axis=-1)
-        seen = square > (_COLLINEAR * np.linalg.norm(self.translation)) ** 2
-        return np.where(seen, -(across_t * across_r).sum(axis=-1) / np.where(seen, square, 1.0), np.inf)
+        return inverse_range_of(self.rotated, normalise(checked(bearing, 3, "bearing")), self.translation)
 
     def across(self, bearing: ArrayLike) -> Array:
         """Return the angle of directions ``(..., 3)`` off the great circle, rad, positive on the side of ``normal``."""

@@ -20,13 +20,15 @@ from ptzd.geometry.types import Array, Mask
 
 FOLD_GUARD = 0.999
 """Share of the fold radius that is used: at the fold itself the inverse has no accuracy."""
-MAX_RADIUS = 1e4
-"""Largest normalised radius used, 89.994° of a pinhole; beyond it pixels are no longer distinct numbers."""
+MAX_RADIUS = 100.0
+"""Largest ideal radius used, 89.43° of a pinhole: no picture plane is wider, and the horizon has no pixel."""
 TOLERANCE = 1e-10
 """Largest residual of an accepted inverse, relative to 1 + the radius."""
 _TARGET = 1e-13
-_MAX_STEPS = 60
+_MAX_STEPS = 100
+_OVERFLOW = 1e30
 _SMALLEST_DAMPING = 1e-4
+_REAL = 1e-6
 
 
 def _unpack(coefficients: tuple[float, ...]) -> tuple[float, float, float, float, float]:
@@ -51,20 +53,24 @@ def distort(points: Array, coefficients: tuple[float, ...]) -> Array:
 
 @lru_cache(maxsize=256)
 def fold_radius(coefficients: tuple[float, ...]) -> float:
-    """Return the first ideal radius at which the distortion folds back in some direction; infinite when it never does.
+    """Return the first ideal radius at which the distortion folds back in some direction; 1e300 when it never does.
 
     The worst direction is against ``q``; there the eigenvalues of J are ``1 + 3 k1 r² + 5 k2 r⁴ + 7 k3 r⁶ - 6 |q| r``
     along and ``L - 2 |q| r`` across the radius.
     """
-    if not any(coefficients):
-        return np.inf
     k1, k2, p1, p2, k3 = _unpack(coefficients)
     tangential = float(np.hypot(p1, p2))
-    along = [7.0 * k3, 0.0, 5.0 * k2, 0.0, 3.0 * k1, -6.0 * tangential, 1.0]
-    across = [k3, 0.0, k2, 0.0, k1, -2.0 * tangential, 1.0]
-    roots = np.concatenate([np.roots(along), np.roots(across)])
-    positive = roots.real[(np.abs(roots.imag) < 1e-9 * np.abs(roots)) & (roots.real > 0)]
-    return float(positive.min(initial=np.inf))
+    # in 1/r the leading coefficient is 1, so that tiny coefficients are as good as none
+    along = [1.0, -6.0 * tangential, 3.0 * k1, 0.0, 5.0 * k2, 0.0, 7.0 * k3]
+    across = [1.0, -2.0 * tangential, k1, 0.0, k2, 0.0, k3]
+    return 1.0 / max(largest_positive_root(along), largest_positive_root(across))
+
+
+def largest_positive_root(polynomial: list[float]) -> float:
+    """Return the largest positive root of a monic polynomial, highest power first; 1e-300 when there is none."""
+    roots = np.roots(polynomial)
+    real = roots.real[np.abs(roots.imag) <= _REAL * np.abs(roots)]
+    return float(real.max(initial=1e-300))
 
 
 def radius_limit(coefficients: tuple[float, ...]) -> float:
@@ -95,7 +101,7 @@ def undistort(points: Array, coefficients: tuple[float, ...]) -> tuple[Array, Ma
     """
     limit = radius_limit(coefficients)
     flat = points.reshape(-1, 2)
-    sane = np.asarray((np.abs(flat) < MAX_RADIUS).all(axis=-1))
+    sane = np.asarray((np.abs(flat) < _OVERFLOW).all(axis=-1))
     target = np.where(sane[:, None], flat, 0.0)
     if any(coefficients):
         found, error = _solve(target, coefficients, limit)
@@ -114,10 +120,8 @@ def _solve(target: Array, coefficients: tuple[float, ...], limit: float) -> tupl
     error = distort(found, coefficients) - target
     size = np.hypot(error[:, 0], error[:, 1]) * weight
     damping = np.ones_like(size)
-    for _ in range(_MAX_STEPS):
-        active = np.flatnonzero((size > _TARGET) & (damping > _SMALLEST_DAMPING))
-        if active.size == 0:
-            break
+    steps, active = 0, np.flatnonzero(size > _TARGET)
+    while active.size > 0 and steps < _MAX_STEPS:
         trial = found[active] - damping[active, None] * _newton_step(found[active], error[active], coefficients)
         trial_error = distort(trial, coefficients) - target[active]
         trial_size = np.hypot(trial_error[:, 0], trial_error[:, 1]) * weight[active]
@@ -125,4 +129,5 @@ def _solve(target: Array, coefficients: tuple[float, ...], limit: float) -> tupl
         won = active[better]
         found[won], error[won], size[won] = trial[better], trial_error[better], trial_size[better]
         damping[active] = np.where(better, 1.0, 0.5 * damping[active])
+        steps, active = steps + 1, np.flatnonzero((size > _TARGET) & (damping > _SMALLEST_DAMPING))
     return found, size

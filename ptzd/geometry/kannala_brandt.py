@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ptzd.errors import GeometryError
-from ptzd.geometry.brown import FOLD_GUARD
+from ptzd.geometry.brown import FOLD_GUARD, largest_positive_root
 from ptzd.geometry.types import Array, Mask, checked
 
 _MAX_STEPS = 60
@@ -42,9 +42,8 @@ class KannalaBrandtCamera:
         if self.fx <= 0.0 or self.fy <= 0.0 or not 0.0 < self.max_angle_rad < math.pi:
             raise GeometryError(f"not a Kannala-Brandt camera: fx, fy > 0, 0 < max_angle_rad < π; got {self!r}")
         k1, k2, k3, k4 = self.distortion
-        squares = np.roots([9.0 * k4, 7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0])
-        positive = squares.real[(np.abs(squares.imag) < 1e-9 * np.abs(squares)) & (squares.real > 0)]
-        fold = math.sqrt(float(positive.min(initial=np.inf)))
+        # the slope's zero in 1/θ², where the leading coefficient is 1
+        fold = largest_positive_root([1.0, 3.0 * k1, 5.0 * k2, 7.0 * k3, 9.0 * k4]) ** -0.5
         object.__setattr__(self, "limit_rad", min(self.max_angle_rad, FOLD_GUARD * fold))
 
     def _radius(self, angle: Array) -> Array:
@@ -61,13 +60,12 @@ class KannalaBrandtCamera:
         """Return θ of θ_d by Newton steps kept inside a shrinking bracket; θ_d grows on the whole bracket."""
         low, high = np.zeros_like(radius), np.full_like(radius, self.limit_rad)
         angle = np.minimum(radius, high)
-        for _ in range(_MAX_STEPS):
-            error = self._radius(angle) - radius
-            if np.abs(error).max(initial=0.0) <= _TARGET:
-                break
+        steps, error = 0, self._radius(angle) - radius
+        while np.abs(error).max(initial=0.0) > _TARGET and steps < _MAX_STEPS:
             low, high = np.where(error < 0.0, angle, low), np.where(error > 0.0, angle, high)
             newton = angle - error / self._slope(angle)
             angle = np.where((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
+            steps, error = steps + 1, self._radius(angle) - radius
         return angle
 
     def project(self, rays: ArrayLike) -> tuple[Array, Mask]:

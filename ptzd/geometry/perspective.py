@@ -18,7 +18,7 @@ from ptzd.geometry.types import Array, Mask, checked
 class PerspectiveCamera:
     """A pinhole: ``(X/Z, Y/Z)``, Brown's distortion, then K (OpenCV's model with five coefficients).
 
-    Valid set: angles off the axis up to `limit_rad`, the lesser of 89.994° and the fold of the distortion.
+    Valid set: angles off the axis up to `limit_rad`, the lesser of 89.43° and the fold of the distortion.
     """
 
     size_px: tuple[int, int]
@@ -54,7 +54,8 @@ class PerspectiveCamera:
         ray = checked(rays, 3, "rays")
         angle = np.arctan2(np.hypot(ray[..., 0], ray[..., 1]), ray[..., 2])
         valid = np.asarray((ray[..., 2] > 0.0) & np.isfinite(ray).all(axis=-1) & (angle <= self.limit_rad))
-        ideal = np.where(valid[..., None], ray[..., :2], 0.0) / np.where(valid, ray[..., 2], 1.0)[..., None]
+        ray = np.where(valid[..., None], ray, (0.0, 0.0, 1.0))
+        ideal = ray[..., :2] / ray[..., 2:]
         pixels = distort(ideal, self.distortion) * (self.fx, self.fy) + (self.cx, self.cy)
         return np.where(valid[..., None], pixels, 0.0), valid
 

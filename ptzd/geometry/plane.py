@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ptzd.errors import GeometryError
-from ptzd.geometry.sphere import cross, normalise
+from ptzd.geometry.arc import inverse_range_of
+from ptzd.geometry.sphere import normalise
 from ptzd.geometry.types import Array, Mask, checked
 
 MIN_SINGULAR = 1e-3
@@ -50,9 +51,8 @@ def plane_from_pairs(
 ) -> tuple[Array, Mask]:
     """Return the planes that carry pairs of directions over, and where the pairs determine one.
 
-    Each pair puts its ray at the inverse range ``s = -(P_h x T)·(P_h x R P_f) / |P_h x T|²`` and asks for
-    ``N · R P_f = s`` (the one independent row of the paper's eq. 8); three pairs are solved, more fitted by least
-    squares.
+    Each pair puts its ray at the inverse range s of `inverse_range_of` and asks for ``N · R P_f = s`` (the one
+    independent row of the paper's eq. 8); three pairs are solved, more fitted by least squares.
 
     Parameters
     ----------
@@ -76,13 +76,13 @@ def plane_from_pairs(
     rays, partners = checked(rotated, 3, "rotated"), normalise(checked(bearings, 3, "bearings"))
     if rays.shape != partners.shape or rays.ndim < 2 or rays.shape[-2] < 3:
         raise GeometryError(f"pairs: expected two arrays (..., m >= 3, 3), got {rays.shape} and {partners.shape}")
-    across_t = cross(partners, shift)
-    square = (across_t * across_t).sum(axis=-1)
-    seen = square > 1e-18 * float(shift @ shift)
-    inverse = -(across_t * cross(partners, rays)).sum(axis=-1) / np.where(seen, square, 1.0)
+    inverse = inverse_range_of(rays, partners, shift)
+    seen = np.isfinite(inverse)
     left, singular, right = np.linalg.svd(rays, full_matrices=False)
     valid = np.asarray((singular[..., 2] >= min_singular) & seen.all(axis=-1))
-    weights = np.einsum("...mk,...m->...k", left, inverse) / np.where(valid[..., None], singular, 1.0)
+    weights = np.einsum("...mk,...m->...k", left, np.where(seen, inverse, 0.0)) / np.where(
+        valid[..., None], singular, 1.0
+    )
     planes = np.einsum("...kj,...k->...j", right, weights)
     return np.where(valid[..., None], planes, 0.0), valid
 

@@ -64,11 +64,10 @@ class UnifiedCamera:
     def project(self, rays: ArrayLike) -> tuple[Array, Mask]:
         """Return pixels ``(..., 2)`` of rays ``(..., 3)`` of any length, and the mask of the valid set."""
         ray = checked(rays, 3, "rays")
-        length = np.linalg.norm(ray, axis=-1)
         angle = np.arctan2(np.hypot(ray[..., 0], ray[..., 1]), ray[..., 2])
-        valid = np.asarray((length > 0.0) & np.isfinite(length) & (angle <= self.limit_rad))
-        denominator = np.where(valid, ray[..., 2] + self.xi * length, 1.0)
-        ideal = np.where(valid[..., None], ray[..., :2], 0.0) / denominator[..., None]
+        valid = np.asarray(np.isfinite(ray).all(axis=-1) & ray.any(axis=-1) & (angle <= self.limit_rad))
+        ray = np.where(valid[..., None], ray, (0.0, 0.0, 1.0))
+        ideal = ray[..., :2] / (ray[..., 2] + self.xi * np.linalg.norm(ray, axis=-1))[..., None]
         pixels = distort(ideal, self.distortion) * (self.fx, self.fy) + (self.cx, self.cy)
         return np.where(valid[..., None], pixels, 0.0), valid
 
