@@ -162,7 +162,7 @@ class EventLog(Protocol):
         """Whether the file has reached its size or age."""
         ...
 
-    def rotate(self, snapshot: Snapshot) -> None:
+    def rotate(self, sequence: int, snapshot: Snapshot) -> None:
         """Cut the file here: everything told so far goes into the old one, the snapshot opens the new one."""
         ...
 

@@ -56,10 +56,9 @@ class Daemon:
         self._rig = rig
         self._bus = bus
         self._log = log
-        self._clock = clock
         self._ready = ready
         self.frames = FrameStore(RING_FRAMES + SPARE_FRAMES)
-        self.overlays = Overlays(rig=rig, log=log, bus=bus, frames=self.frames)
+        self.overlays = Overlays(bus=bus, frames=self.frames)
         machine = Machine(rig, config)
         observers = (Observer(seen=self.overlays.seen), Observer(seen=self._watch_readiness))
         self.pump = Pump(machine=machine, clock=clock, log=log, bus=bus, frames=self.frames, observers=observers)
@@ -69,7 +68,6 @@ class Daemon:
             frames=self.frames,
             log=log,
             size_px=rig.fisheye.size_px,
-            every_n=config.log.fisheye_every_n,
             shown=self._show_fisheye,
         )
         self.head_watch = HeadWatch(
@@ -86,7 +84,7 @@ class Daemon:
 
     async def run(self, stop: asyncio.Event) -> None:
         """Serve until ``stop`` is set; then every request gets its result and the head stops."""
-        self._log.rotate(self.pump.machine.snapshot(self._clock.now_ns()))
+        self.pump.cut_log()
         tasks = [
             asyncio.create_task(self.fisheye_watch.run(), name="fisheye"),
             asyncio.create_task(self.head_watch.run(), name="head"),
@@ -111,6 +109,7 @@ class Daemon:
             await asyncio.gather(*tasks, return_exceptions=True)
             if self.pump.hands is not None:
                 await self.pump.hands.close()
+            await self.overlays.close()
             self.pump.close()
 
     async def _listen(self) -> None:
@@ -159,7 +158,6 @@ class Daemon:
             self._bus.publish_image("image/fisheye", picture.jpeg, _attachment(picture, width, height))
 
     def _show_ptz(self, picture: Picture, reading: HeadReading, motion: Motion) -> None:
-        self.overlays.show_ptz(picture)
         if not self._bus.image_wanted("image/ptz"):
             return
         width, height = self._rig.zoom.size_px

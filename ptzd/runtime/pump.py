@@ -75,6 +75,11 @@ class Pump:
             self._draining = False
         self._arm()
 
+    def cut_log(self) -> None:
+        """Begin a new log file between two events: a snapshot of the core opens it."""
+        self._sequence += 1
+        self._log.rotate(self._sequence, self.machine.snapshot(self._clock.now_ns()))
+
     def close(self) -> None:
         """No deadline fires after this."""
         if self._timer is not None:
@@ -92,14 +97,12 @@ class Pump:
         for observer in self._observers:
             observer.seen(self._sequence, event, commands)
         if self._log.rotate_due():
-            self._log.rotate(self.machine.snapshot(event.t_ns))
+            self.cut_log()
 
     def _perform(self, command: cmd.Command) -> None:
         match command:
             case cmd.PinFrame():
-                picture = self._frames.pin(command.request_id, command.frame)
-                if picture is not None:
-                    self._log.picture("/fisheye/image", picture)
+                self._frames.pin(command.request_id, command.frame)
             case cmd.ReleaseFrames():
                 self._frames.release(command.request_id)
             case cmd.Finished():

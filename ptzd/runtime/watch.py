@@ -74,8 +74,6 @@ class FisheyeWatch:
     ----------
     size_px : tuple of int
         What the calibration is for; other pictures make the device lost, since every bearing would be wrong.
-    every_n : int
-        Of the frames that no request uses, every n-th is logged.
     shown : callable
         Offered every frame, e.g. for the bus.
     """
@@ -88,7 +86,6 @@ class FisheyeWatch:
         frames: FrameStore,
         log: EventLog,
         size_px: tuple[int, int],
-        every_n: int,
         shown: Callable[[Picture], None],
     ) -> None:
         self.health = Health(ev.Device.FISHEYE, tell)
@@ -99,7 +96,6 @@ class FisheyeWatch:
         self._frames = frames
         self._log = log
         self._size_px = size_px
-        self._every_n = every_n
         self._shown = shown
 
     async def run(self) -> None:
@@ -121,8 +117,7 @@ class FisheyeWatch:
         self.frames_seen += 1
         self.frames_lost += picture.lost_before
         self._frames.add(picture)
-        if picture.frame.seq % self._every_n == 0:
-            self._log.picture("/fisheye/image", picture)
+        self._log.picture("/fisheye/image", picture)
         self._tell(lambda t_ns: ev.FrameArrived(t_ns=t_ns, frame=picture.frame))
         self.health.report_well()
         self._shown(picture)

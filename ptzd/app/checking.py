@@ -1,0 +1,81 @@
+"""`ptzd check`: could the daemon run with these settings, and do both cameras answer."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+
+import cv2
+import numpy as np
+
+from ptzd.app.daemon import open_fisheye
+from ptzd.app.loading import Loaded
+from ptzd.devices.vapix.head import VapixHead
+from ptzd.errors import ConfigError, DeviceLost
+from ptzd.runtime.clock import SteadyClock
+from ptzd.runtime.frames import jpeg_size_px
+
+PICTURE_S = 15.0
+"""Both streams start within seconds."""
+
+
+def check_files(loaded: Loaded) -> list[str]:
+    """Lines about settings and calibration; whatever is wrong was raised while loading."""
+    rig = loaded.rig
+    low, high = rig.zoom.zoom_range
+    narrow, wide = (math.degrees(angle) for angle in rig.zoom.hfov_range_rad)
+    baseline = float(np.linalg.norm(rig.head_from_fisheye_translation))
+    unit = "m" if rig.metric else "(no metric scale: ranges are in baselines)"
+    band = math.degrees(rig.band_rad(1.0 / loaded.config.search.range_m[0]))
+    return [
+        f"settings     {loaded.path}: rig {loaded.config.rig}",
+        f"calibration  {loaded.config.calibration}",
+        f"fisheye      {rig.fisheye.size_px[0]}×{rig.fisheye.size_px[1]} px, {type(rig.fisheye).__name__}",
+        f"ptz          zoom {low:g} to {high:g}, field of view {wide:.1f}° to {narrow:.2f}°",
+        f"baseline     {baseline:.3f} {unit}; search band ±{band:.2f}° at the nearest range",
+    ]
+
+
+async def check_cameras(loaded: Loaded) -> list[str]:
+    """Lines about both cameras as they answer now.
+
+    Raises
+    ------
+    DeviceError, ConfigError
+        When one does not answer, or its pictures do not fit the calibration.
+    """
+    clock, config, rig = SteadyClock(), loaded.config, loaded.rig
+    async with VapixHead(config.ptz, config.limits, clock) as head:
+        limits = await head.describe()
+        poll = await anext(head.polls())
+        picture, view = await head.grab(clock.now_ns())
+    lines = [
+        f"ptz          limits pan {limits.pan_deg}, tilt {limits.tilt_deg}, zoom {limits.zoom}",
+        f"ptz          now pan {poll.reading.pan_deg:.3f}°, tilt {poll.reading.tilt_deg:.3f}°, "
+        f"zoom {poll.reading.zoom:g}, picture sharp? {_sharpness(picture.jpeg):.0f} (variance of the Laplacian)",
+        _size_line("ptz", picture.jpeg, rig.zoom.size_px),
+        f"ptz          pose of that picture known to {view.sigma_deg:.3f}° (one sigma)",
+    ]
+    async with open_fisheye(config.fisheye, clock) as fisheye:
+        try:
+            first = await asyncio.wait_for(anext(aiter(fisheye.pictures())), PICTURE_S)
+        except TimeoutError:
+            raise DeviceLost(
+                f"fisheye: no picture within {PICTURE_S:g} s; check cable, device name or address"
+            ) from None
+    return [*lines, _size_line("fisheye", first.jpeg, rig.fisheye.size_px)]
+
+
+def _size_line(name: str, jpeg: bytes, wanted: tuple[int, int]) -> str:
+    size = jpeg_size_px(jpeg)
+    if size != wanted:
+        raise ConfigError(
+            f"{name}: pictures are {size[0]}×{size[1]} px, the calibration is for {wanted[0]}×{wanted[1]} px; "
+            "set the size or calibrate at this one"
+        )
+    return f"{name:12} pictures of {size[0]}×{size[1]} px, as calibrated"
+
+
+def _sharpness(jpeg: bytes) -> float:
+    pixels = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)
+    return float(cv2.Laplacian(np.asarray(pixels), cv2.CV_64F).var())

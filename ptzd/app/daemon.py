@@ -1,0 +1,184 @@
+"""`ptzd run`: the real daemon out of its parts."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import msgspec
+import yaml
+
+from ptzd.app.fingerprint import fingerprint, versions
+from ptzd.app.loading import Loaded
+from ptzd.bus.answers import LogHandler
+from ptzd.bus.messages import LogReference
+from ptzd.bus.server import ZenohBus
+from ptzd.config import FilesSource, FisheyeSource, HttpSource
+from ptzd.devices.files import FilesFisheye
+from ptzd.devices.http_fisheye import HttpFisheye
+from ptzd.devices.v4l2 import V4l2Fisheye
+from ptzd.devices.vapix.head import VapixHead
+from ptzd.log.run import RunInfo
+from ptzd.log.writer import McapLog
+from ptzd.ports import Clock, FrameSource
+from ptzd.runtime.clock import SteadyClock
+from ptzd.runtime.daemon import Daemon
+from ptzd.runtime.notify import Notifier
+from ptzd.runtime.perception import ThreadPerception
+
+OPENCV_THREADS = 1
+"""Matching runs in one thread beside the loop; results do not depend on the number, latency of the loop does."""
+
+
+@dataclass(slots=True)
+class _Parts:
+    """What the closures below need before it exists."""
+
+    daemon: Daemon | None = None
+
+
+async def run(loaded: Loaded, *, ready: Callable[[], None] = lambda: None) -> None:
+    """Serve until SIGTERM or SIGINT.
+
+    Parameters
+    ----------
+    loaded : Loaded
+        Settings and calibration.
+    ready : callable
+        Called once, when requests can be served.
+    """
+    cv2.setNumThreads(OPENCV_THREADS)
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, stop.set)
+    try:
+        await _serve(loaded, stop, ready)
+    finally:
+        for number in (signal.SIGTERM, signal.SIGINT):
+            loop.remove_signal_handler(number)
+
+
+async def _serve(loaded: Loaded, stop: asyncio.Event, ready: Callable[[], None]) -> None:
+    config, clock, parts = loaded.config, SteadyClock(), _Parts()
+    run_info = RunInfo(
+        rig=config.rig,
+        config_text=loaded.config_text,
+        calibration_text=loaded.calibration_text,
+        seed=config.search.seed,
+        versions=versions(),
+        fingerprint=fingerprint(),
+    )
+    async with AsyncExitStack() as stack:
+        notifier = stack.enter_context(Notifier(os.environ))
+        log = await stack.enter_async_context(McapLog(config.log, run_info, clock))
+        bus = await stack.enter_async_context(
+            ZenohBus(
+                config.bus,
+                config.rig,
+                clock,
+                results_kept_s=config.queue.results_kept_s,
+                log_reference=lambda: _log_reference(log, clock),
+                status_extra=lambda: _status_extra(log, parts.daemon),
+            )
+        )
+        bus.set_calibration(yaml.safe_load(loaded.calibration_text))
+        fisheye = await stack.enter_async_context(open_fisheye(config.fisheye, clock))
+        head = await stack.enter_async_context(VapixHead(config.ptz, config.limits, clock))
+        perception = await stack.enter_async_context(ThreadPerception(loaded.rig))
+
+        def on_ready() -> None:
+            notifier.ready(f"rig {config.rig} serves requests")
+            ready()
+
+        parts.daemon = Daemon(
+            rig=loaded.rig,
+            config=config,
+            clock=clock,
+            fisheye=fisheye,
+            head=head,
+            bus=bus,
+            log=log,
+            perception=perception,
+            ready=on_ready,
+        )
+        bus.on_log_query(_log_handler(log, parts.daemon))
+        watchdog = asyncio.create_task(_feed_watchdog(notifier, parts.daemon), name="watchdog")
+        try:
+            await parts.daemon.run(stop)
+        finally:
+            notifier.stopping("stopping")
+            watchdog.cancel()
+            await asyncio.gather(watchdog, return_exceptions=True)
+
+
+@asynccontextmanager
+async def open_fisheye(settings: FisheyeSource, clock: Clock) -> AsyncIterator[FrameSource]:
+    """Open the frame source that the settings name."""
+    source: V4l2Fisheye | HttpFisheye | FilesFisheye
+    match settings:
+        case HttpSource():
+            source = HttpFisheye(settings, clock)
+        case FilesSource():
+            source = FilesFisheye(settings, clock)
+        case _:
+            source = V4l2Fisheye(settings, clock)
+    async with source:
+        yield source
+
+
+def _log_reference(log: McapLog, clock: Clock) -> LogReference | None:
+    current = log.current_file
+    return None if current is None else LogReference(file=current.name, t_ns=clock.now_ns())
+
+
+def _status_extra(log: McapLog, daemon: Daemon | None) -> Mapping[str, object]:
+    stats = msgspec.to_builtins(log.stats())
+    current = log.current_file
+    extra: dict[str, object] = {
+        "versions": {"ptzd": versions()["ptzd"]},
+        "log": {**stats, "file": "" if current is None else str(current)},
+    }
+    if daemon is None:
+        return extra
+    pose = daemon.head_watch.last_poll
+    fisheye = daemon.fisheye_watch
+    extra["devices"] = {
+        "fisheye_frames": fisheye.frames_seen,
+        "fisheye_lost": fisheye.frames_lost,
+        "fisheye_losses": fisheye.health.lost_since_start,
+        "ptz_losses": daemon.head_watch.health.lost_since_start,
+    }
+    return extra if pose is None else {**extra, "pose": daemon.pose_document(pose)}
+
+
+def _log_handler(log: McapLog, daemon: Daemon) -> LogHandler:
+    async def handle(action: Literal["list", "rotate"]) -> list[str]:
+        if action == "rotate":
+            daemon.pump.cut_log()
+        return [str(path) for path in log.closed_files()]
+
+    return handle
+
+
+async def _feed_watchdog(notifier: Notifier, daemon: Daemon) -> None:
+    """Tell the service manager that the loop runs, and only while it does."""
+    period = notifier.ping_every_s
+    if period is None:
+        return
+    while True:
+        notifier.alive()
+        notifier.status(f"{daemon.pump.machine.state}")
+        await asyncio.sleep(period)
+
+
+def log_files(directory: Path) -> list[Path]:
+    """Whole log files of a folder, oldest first."""
+    return sorted(directory.glob("*.mcap"))

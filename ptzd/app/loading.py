@@ -1,0 +1,108 @@
+"""Reading what the daemon is told: settings and calibration, with the texts that go into the log."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import yaml
+
+from ptzd.calibration.file import read_rig
+from ptzd.config import Config, FilesSource, parse_config
+from ptzd.errors import CalibrationError, ConfigError
+from ptzd.geometry.rig import Rig
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Loaded:
+    """Settings and calibration, parsed and as text."""
+
+    path: Path
+    config: Config
+    config_text: str
+    """The settings as parsed, defaults filled in; names files of secrets, never their contents."""
+    rig: Rig
+    calibration_text: str
+
+
+def load(path: Path) -> Loaded:
+    """Read a settings file and the calibration that it names.
+
+    Relative paths inside the settings are relative to the settings file.
+
+    Raises
+    ------
+    ConfigError, CalibrationError
+        With file and path of the culprit.
+    """
+    config = _anchored(load_config(path), path.parent)
+    calibration_path = Path(config.calibration)
+    try:
+        calibration_text = calibration_path.read_text()
+    except (OSError, UnicodeDecodeError) as error:
+        message = f"{path}: calibration: {calibration_path} cannot be read ({error}); make one with `ptzd calibrate`"
+        raise CalibrationError(message) from None
+    return Loaded(
+        path=path,
+        config=config,
+        config_text=yaml.safe_dump(msgspec.to_builtins(config), sort_keys=False),
+        rig=checked_rig(config, calibration_text, str(calibration_path)),
+        calibration_text=calibration_text,
+    )
+
+
+def checked_rig(config: Config, text: str, name: str) -> Rig:
+    """Parse a calibration and hold it against the settings."""
+    rig = read_rig(text, name)
+    if rig.uncertainty is None:
+        raise CalibrationError(f"{name}: uncertainty: missing; the width of the search band comes from it")
+    if rig.zoom.size_px != config.ptz.size_px:
+        sizes = f"calibrated at {_size(rig.zoom.size_px)}, ptz.size_px asks for {_size(config.ptz.size_px)}"
+        raise CalibrationError(f"{name}: ptz.size_px: {sizes}; make them the same")
+    low, high = rig.zoom.zoom_range
+    if not low <= config.home.zoom <= high:
+        raise ConfigError(f"home.zoom: {config.home.zoom:g} is outside the calibrated zooms {low:g} to {high:g}")
+    return rig
+
+
+def load_config(path: Path) -> Config:
+    """Read a settings file.
+
+    Raises
+    ------
+    ConfigError
+        With the file and the path of the culprit.
+    """
+    try:
+        document = yaml.safe_load(path.read_text())
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}; give the settings with --config FILE") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: not YAML: {' '.join(str(error).split())}") from None
+    return parse_config(document, str(path))
+
+
+def _anchored(config: Config, folder: Path) -> Config:
+    """Make relative paths absolute."""
+    replace = msgspec.structs.replace
+    ptz, fisheye = config.ptz, config.fisheye
+    if ptz.password_file is not None:
+        ptz = replace(ptz, password_file=str(folder / ptz.password_file))
+    if isinstance(fisheye, FilesSource):
+        fisheye = replace(fisheye, path=str(folder / fisheye.path))
+    bus = config.bus
+    if bus.config_file is not None:
+        bus = replace(bus, config_file=str(folder / bus.config_file))
+    return replace(
+        config,
+        calibration=str(folder / config.calibration),
+        ptz=ptz,
+        fisheye=fisheye,
+        bus=bus,
+        log=replace(config.log, directory=str(folder / config.log.directory)),
+    )
+
+
+def _size(size_px: tuple[int, int]) -> str:
+    return f"{size_px[0]}×{size_px[1]}"

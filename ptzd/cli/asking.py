@@ -1,0 +1,153 @@
+"""Commands that ask a running daemon over the bus."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+from collections.abc import Awaitable, Callable
+
+import msgspec
+from rich.console import Console
+
+from ptzd.app.clients import Client, Feedback, RoiResult, notices
+from ptzd.control.states import State
+
+
+def _print_json(document: object) -> None:
+    print(msgspec.json.encode(document).decode(), flush=True)
+
+
+def _with_client(arguments: argparse.Namespace, work: Callable[[Client], Awaitable[int]]) -> int:
+    async def run() -> int:
+        client = Client.open(
+            arguments.connect, rig=arguments.rig, prefix=arguments.prefix, config_file=arguments.zenoh_config
+        )
+        async with client:
+            return await work(client)
+
+    return asyncio.run(run())
+
+
+def aim(arguments: argparse.Namespace) -> int:
+    """Ask for a box, show what happens, exit 0 when it was locked."""
+    box, hfov = arguments.box, arguments.hfov
+
+    async def work(client: Client) -> int:
+        accepted = await client.request(
+            box=(box.x, box.y, box.w, box.h),
+            id=arguments.id,
+            frame_seq=arguments.frame,
+            range_m=arguments.range,
+            zoom=hfov if hfov is not None else "keep" if arguments.keep_zoom else "fit",
+            fill=arguments.fill,
+            hold_s=arguments.hold,
+            timeout_s=arguments.timeout,
+            priority=arguments.priority,
+            label=arguments.label,
+        )
+        if not arguments.json:
+            print(f"{accepted.id}: accepted, place {accepted.position}")
+        async for step in client.feedback(accepted.id):
+            _show_step(step, as_json=arguments.json)
+        result = await client.result(accepted.id)
+        if arguments.json:
+            _print_json(result)
+        else:
+            print(f"{result.id}: {describe(result)}")
+        return 0 if result.outcome in {"locked", "released"} else 1
+
+    return _with_client(arguments, work)
+
+
+def _show_step(step: Feedback, *, as_json: bool) -> None:
+    if as_json:
+        _print_json(step)
+        return
+    detail = ", ".join(f"{name} {value}" for name, value in step.detail.items())
+    print(f"{step.id}: {step.step}: {detail}", flush=True)
+
+
+def describe(result: RoiResult) -> str:
+    """One line for a person."""
+    parts = [f"{result.outcome} after {result.elapsed_ms / 1000:.1f} s ({result.reason})"]
+    if result.pan_deg is not None and result.tilt_deg is not None:
+        parts.append(f"pan {result.pan_deg:.3f}°, tilt {result.tilt_deg:.3f}°")
+    if result.range_m is not None:
+        parts.append(f"range {result.range_m:.2f} m")
+    if result.probability is not None:
+        parts.append(f"probability {result.probability:.3f}")
+    return ", ".join(parts)
+
+
+def status(arguments: argparse.Namespace) -> int:
+    """What the rig does now."""
+
+    async def work(client: Client) -> int:
+        now = await client.status()
+        if arguments.json:
+            _print_json(now)
+            return 0
+        console = Console(highlight=False)
+        colour = "red" if now.state == State.FAULT else "green"
+        console.print(f"[bold {colour}]{now.state}[/] {now.phase}")
+        console.print(f"active    {now.active or '–'}    waiting {len(now.queue)}{'    held' if now.held else ''}")
+        console.print(f"fisheye   {now.fisheye}")
+        console.print(f"ptz       {now.ptz}")
+        if now.pose is not None:
+            pose = now.pose
+            console.print(f"pose      pan {pose.pan_deg:.2f}°, tilt {pose.tilt_deg:.2f}°, zoom {pose.zoom:g}")
+        console.print(f"log       {now.log.get('file', '–')}")
+        return 0
+
+    return _with_client(arguments, work)
+
+
+def watch(arguments: argparse.Namespace) -> int:
+    """Print everything the rig says."""
+
+    async def work(client: Client) -> int:
+        async for name, document in notices(client):
+            if arguments.json:
+                _print_json({"type": name, **document})
+            elif name in {"Feedback", "RoiResult"}:
+                print(f"{name}: {document}", flush=True)
+            elif name == "Status":
+                print(f"Status: {document['state']} {document['phase']} active {document['active']}", flush=True)
+        return 0
+
+    return _with_client(arguments, work)
+
+
+def cancel(arguments: argparse.Namespace) -> int:
+    """Take a request back."""
+
+    async def work(client: Client) -> int:
+        outcome = await client.cancel(arguments.id)
+        print(f"{arguments.id}: {outcome}")
+        return 0
+
+    return _with_client(arguments, work)
+
+
+def control(arguments: argparse.Namespace) -> int:
+    """Stop, home, hold, release."""
+
+    async def work(client: Client) -> int:
+        print(await client.control(arguments.command))
+        return 0
+
+    return _with_client(arguments, work)
+
+
+def ls(arguments: argparse.Namespace) -> int:
+    """Rigs alive, a line each; exit 1 when there is none."""
+
+    async def work(client: Client) -> int:
+        rigs = await client.rigs()
+        if arguments.json:
+            _print_json(rigs)
+        else:
+            print("\n".join(rigs) or "no rig is alive")
+        return 0 if rigs else 1
+
+    return _with_client(arguments, work)

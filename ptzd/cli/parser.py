@@ -1,0 +1,162 @@
+"""All arguments of all commands."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import NoReturn
+
+from ptzd import __version__
+from ptzd.cli import asking, offline, rig
+from ptzd.model import Box, Matcher
+
+EX_USAGE = 64
+
+
+class _Parser(argparse.ArgumentParser):
+    """Usage errors exit with 64, as sysexits.h says."""
+
+    def error(self, message: str) -> NoReturn:
+        self.print_usage()
+        self.exit(EX_USAGE, f"{self.prog}: {message}\n")
+
+
+def parser() -> argparse.ArgumentParser:
+    """Build the parser; every command sets ``run``, a function of the parsed arguments that returns the exit code."""
+    top = _Parser(prog="ptzd", description="Points an AXIS PTZ camera at what a fisheye camera sees.")
+    top.add_argument("--version", action="version", version=f"ptzd {__version__}")
+    top.add_argument("--debug", action="store_true", help="show the traceback of an error")
+    commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
+    _add_rig_commands(commands)
+    _add_bus_commands(commands)
+    _add_offline_commands(commands)
+    return top
+
+
+def _numbers(text: str, count: int) -> list[float]:
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != count or any(math.isnan(value) for value in values):
+        raise argparse.ArgumentTypeError(f"expected {count} numbers separated by commas, got {text!r}")
+    return values
+
+
+def box(text: str) -> Box:
+    """Parse ``X,Y,W,H``."""
+    x, y, w, h = _numbers(text, 4)
+    try:
+        return Box(x=x, y=y, w=w, h=h)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def interval(text: str) -> tuple[float, float]:
+    """Parse ``MIN,MAX``; MAX may be ``inf``."""
+    low, high = _numbers(text, 2)
+    return low, high
+
+
+def _add_rig_commands(commands: argparse._SubParsersAction[_Parser]) -> None:
+    demo = commands.add_parser("demo", help="a simulated rig, the real daemon, several boxes, a picture of it all")
+    demo.add_argument("--scene", default="room", help="name of a scene: see `ptzd sim --list`")
+    demo.add_argument("--out", type=Path, default=Path("demo"), help="folder for log and sheet")
+    demo.add_argument("--json", action="store_true")
+    demo.set_defaults(run=rig.demo)
+    run = commands.add_parser("run", help="the daemon")
+    run.add_argument("--config", type=Path, required=True)
+    run.set_defaults(run=rig.run)
+    check = commands.add_parser("check", help="settings and calibration; with --connect both cameras too")
+    check.add_argument("--config", type=Path, required=True)
+    check.add_argument("--connect", action="store_true", help="talk to both cameras and report what they are")
+    check.set_defaults(run=rig.check)
+    sim = commands.add_parser("sim", help="the simulated rig alone")
+    sim.add_argument("--list", action="store_true", help="names of scenes and profiles")
+    sim.add_argument("--scene", default="room")
+    sim.add_argument("--profile", default="v5915")
+    sim.add_argument("--port", type=int, default=8080, help="of the AXIS camera")
+    sim.add_argument("--fisheye-port", type=int, default=8081)
+    sim.add_argument("--truth-port", type=int, default=8082)
+    sim.add_argument("--user", default="ptzd")
+    sim.add_argument("--password-file", type=Path, help="one line; default: pan-tilt-zoom")
+    sim.add_argument("--faults", type=Path, help="a script of faults (YAML)")
+    sim.add_argument("--write-config", type=Path, help="write settings and calibration for this rig into a folder")
+    sim.add_argument("--bus", default="tcp/127.0.0.1:7447", help="Zenoh endpoint in the written settings")
+    sim.add_argument("--json", action="store_true", help="say what is ready as one JSON line")
+    sim.set_defaults(run=rig.sim)
+
+
+def _add_bus_commands(commands: argparse._SubParsersAction[_Parser]) -> None:
+    common = _Parser(add_help=False)
+    common.add_argument("--connect", default="tcp/127.0.0.1:7447", help="Zenoh endpoint of the daemon or a router")
+    common.add_argument("--rig", help="name of the rig; not needed while only one is alive")
+    common.add_argument("--prefix", default="ptzd")
+    common.add_argument("--zenoh-config", help="JSON5 file with certificates")
+    common.add_argument("--json", action="store_true")
+    aim = commands.add_parser("aim", parents=[common], help="ask the rig to look at a box of the fisheye picture")
+    aim.add_argument("box", type=box, metavar="X,Y,W,H")
+    aim.add_argument("--id")
+    aim.add_argument("--frame", type=int, metavar="SEQ", help="fisheye frame that the box was drawn on")
+    aim.add_argument("--range", type=interval, metavar="MIN,MAX")
+    aim.add_argument("--hfov", type=float, metavar="DEG")
+    aim.add_argument("--keep-zoom", action="store_true")
+    aim.add_argument("--fill", type=float)
+    aim.add_argument("--hold", type=float, metavar="S")
+    aim.add_argument("--timeout", type=float, metavar="S")
+    aim.add_argument("--priority", type=int, default=0)
+    aim.add_argument("--label", default="")
+    aim.set_defaults(run=asking.aim)
+    for name, text, function in (
+        ("status", "what the rig does now", asking.status),
+        ("watch", "everything the rig says, until interrupted", asking.watch),
+        ("stop", "stop the head at once and end every request", asking.control),
+        ("home", "end every request and go home", asking.control),
+        ("hold", "keep the present lock until release", asking.control),
+        ("release", "end the held lock", asking.control),
+        ("ls", "rigs alive", asking.ls),
+    ):
+        command = commands.add_parser(name, parents=[common], help=text)
+        command.set_defaults(run=function)
+    cancel = commands.add_parser("cancel", parents=[common], help="take a request back")
+    cancel.add_argument("id")
+    cancel.set_defaults(run=asking.cancel)
+
+
+def _add_offline_commands(commands: argparse._SubParsersAction[_Parser]) -> None:
+    locate = commands.add_parser("locate", help="the matching step on files")
+    locate.add_argument("--calibration", type=Path, required=True)
+    locate.add_argument("--fisheye", type=Path, required=True)
+    locate.add_argument("--box", type=box, required=True, metavar="X,Y,W,H")
+    locate.add_argument("--views", type=Path, required=True, metavar="VIEWS.json")
+    locate.add_argument("--matcher", type=Matcher, choices=list(Matcher), default=Matcher.SWEEP)
+    locate.add_argument("--range", type=interval, default=(1.0, 100.0), metavar="MIN,MAX")
+    locate.add_argument("--json", action="store_true")
+    locate.add_argument("--draw", type=Path, metavar="OUT.png")
+    locate.set_defaults(run=offline.locate)
+    plan = commands.add_parser("plan", help="the scan plan of a box")
+    plan.add_argument("--calibration", type=Path, required=True)
+    plan.add_argument("--box", type=box, required=True, metavar="X,Y,W,H")
+    plan.add_argument("--zoom", type=float, required=True)
+    plan.add_argument("--range", type=interval, default=(1.0, 100.0), metavar="MIN,MAX")
+    plan.add_argument("--json", action="store_true")
+    plan.set_defaults(run=offline.plan)
+    replay = commands.add_parser("replay", help="run the same decisions again from a log")
+    replay.add_argument("log", type=Path, help="a file, or a folder of files")
+    replay.add_argument("--recompute", action="store_true", help="run every match again on the recorded pictures")
+    replay.add_argument("--config", type=Path, help="what if: other settings")
+    replay.add_argument("--calibration", type=Path, help="what if: another calibration")
+    replay.add_argument("--json", action="store_true")
+    replay.set_defaults(run=offline.replay)
+    log = commands.add_parser("log", help="contents of a log, repair, pictures and CSV out")
+    log.add_argument("action", choices=["info", "recover", "export"])
+    log.add_argument("file", type=Path)
+    log.add_argument("--out", type=Path, help="folder of the export")
+    log.add_argument("--json", action="store_true")
+    log.set_defaults(run=offline.log)
+    schema = commands.add_parser("schema", help="JSON Schema of the bus messages")
+    schema.add_argument("type", nargs="?")
+    schema.set_defaults(run=offline.schema)
+    states = commands.add_parser("states", help="the state diagram, as Mermaid")
+    states.set_defaults(run=offline.states)

@@ -1,0 +1,98 @@
+"""Commands that run a rig: the daemon, its check, the simulator, the demo."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+
+import msgspec
+from rich.console import Console
+from rich.table import Table
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Serve until told to stop."""
+    from ptzd.app import daemon, journal
+    from ptzd.app.loading import load
+
+    loaded = load(arguments.config)
+    journal.set_up()
+    asyncio.run(daemon.run(loaded, ready=lambda: print(f"ptzd: rig {loaded.config.rig} serves requests", flush=True)))
+    return 0
+
+
+def check(arguments: argparse.Namespace) -> int:
+    """Say whether the daemon could run with these settings."""
+    from ptzd.app.checking import check_cameras, check_files
+    from ptzd.app.loading import load
+
+    loaded = load(arguments.config)
+    for line in check_files(loaded):
+        print(line)
+    if arguments.connect:
+        for line in asyncio.run(check_cameras(loaded)):
+            print(line)
+    return 0
+
+
+def sim(arguments: argparse.Namespace) -> int:
+    """Run the simulated rig until interrupted."""
+    from ptzd.app import simulate
+
+    if arguments.list:
+        print("\n".join(simulate.names()))
+        return 0
+    wanted = simulate.Wanted(
+        scene=arguments.scene,
+        profile=arguments.profile,
+        ports=(arguments.port, arguments.fisheye_port, arguments.truth_port),
+        user=arguments.user,
+        password_file=arguments.password_file,
+        faults=arguments.faults,
+        write_config=arguments.write_config,
+        bus=arguments.bus,
+    )
+
+    def ready(facts: dict[str, str]) -> None:
+        if arguments.json:
+            print(json.dumps(facts), flush=True)
+        else:
+            print("\n".join(f"{name:12} {value}" for name, value in facts.items()), flush=True)
+
+    asyncio.run(simulate.serve(wanted, ready))
+    return 0
+
+
+def demo(arguments: argparse.Namespace) -> int:
+    """Show all of it on a simulated rig; exit 0 when every box was locked within the tolerance."""
+    from ptzd.app.demo import TOLERANCE_DEG, Report, run_demo
+
+    console = Console(stderr=arguments.json, highlight=False, soft_wrap=True)
+    report: Report = asyncio.run(run_demo(arguments.scene, arguments.out, console.print))
+    if arguments.json:
+        document = {
+            "outcome": "locked" if report.good else "failed",
+            "requests": [
+                {
+                    "name": shot.name,
+                    "box": list(shot.box),
+                    "outcome": shot.result.outcome,
+                    "error_deg": shot.error_deg,
+                    "elapsed_s": round(shot.elapsed_s, 3),
+                }
+                for shot in report.shots
+            ],
+            "log": str(report.log),
+            "sheet": str(report.sheet),
+        }
+        print(msgspec.json.encode(document).decode())
+    else:
+        table = Table("box", "outcome", "seconds to lock", f"error, deg (≤ {TOLERANCE_DEG:g})", "probability")
+        for shot in report.shots:
+            error = "–" if shot.error_deg is None else f"{shot.error_deg:.3f}"
+            probability = "–" if shot.result.probability is None else f"{shot.result.probability:.3f}"
+            table.add_row(shot.name, shot.result.outcome, f"{shot.elapsed_s:.1f}", error, probability)
+        console.print(table)
+        console.print(f"log    {report.log}\nsheet  {report.sheet}\nreplay ptzd replay --recompute {report.log}")
+    return 0 if report.good else 1

@@ -1,0 +1,1 @@
+"""Drive the same core from a log, compare, report."""
