@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from ptzd.control.commands import Command
@@ -36,11 +37,18 @@ class Cut:
 
 
 @dataclass(frozen=True, slots=True)
+class Settle:
+    """Calls back, in the writer's thread, when all before it is in a closed chunk or file."""
+
+    done: Callable[[], None]
+
+
+@dataclass(frozen=True, slots=True)
 class End:
     """Nothing comes behind it."""
 
 
-Item = Record | Cut | End
+Item = Record | Cut | Settle | End
 
 
 class Inbox:

@@ -17,7 +17,7 @@ from ptzd.errors import LogError, PtzdError
 from ptzd.log import retention
 from ptzd.log.file import McapFile
 from ptzd.log.foxglove import Level, log_message
-from ptzd.log.inbox import Cut, End, Inbox, Record
+from ptzd.log.inbox import Cut, End, Inbox, Record, Settle
 from ptzd.log.protobuf import CompressedImage
 from ptzd.log.recover import recover
 from ptzd.log.run import RunInfo
@@ -158,6 +158,8 @@ class Scribe:
                     self._take(item)
                 elif isinstance(item, Cut):
                     self._cut()
+                elif isinstance(item, Settle):
+                    self._settle(item)
                 self._tend()
             self._end()
         finally:
@@ -319,6 +321,15 @@ class Scribe:
                 self.say(Level.WARNING, str(error))
             else:
                 self.say(Level.INFO, f"{report.path.name}: recovered: {report.note}")
+
+    def _settle(self, item: Settle) -> None:
+        try:
+            if self._file and self._held:
+                self._file.flush()
+                self._kept()
+        except OSError as error:
+            self._fail(error)
+        item.done()
 
     def _cut(self) -> None:
         self.cuts += 1

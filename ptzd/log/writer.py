@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import threading
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,7 +19,7 @@ from ptzd.errors import LogError
 from ptzd.log import retention
 from ptzd.log.codec import encode
 from ptzd.log.foxglove import Level
-from ptzd.log.inbox import Cut, End, Inbox, Item, Record
+from ptzd.log.inbox import Cut, End, Inbox, Item, Record, Settle
 from ptzd.log.late import LatePictures
 from ptzd.log.protobuf import NS, CompressedImage
 from ptzd.log.recover import recover_directory
@@ -97,6 +98,7 @@ class McapLog:
         self._counts = dict.fromkeys(IMAGES, 0)
         self._skipped = self._refused = 0
         self._cuts = 0
+        self._closed = False
         self._notes: tuple[str, ...] = ()
 
     async def __aenter__(self) -> Self:
@@ -120,6 +122,7 @@ class McapLog:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Write what waits and close the file."""
+        self._closed = True
         self._inbox.put(End())
         await asyncio.to_thread(self._thread.join)
 
@@ -210,6 +213,24 @@ class McapLog:
         self._cuts += 1
         self.event(sequence, snapshot)
 
+    async def settled(self) -> None:
+        """Wait until everything told so far is readable in a file, cuts included.
+
+        Raises
+        ------
+        LogError
+            The writer has ended.
+        """
+        loop = asyncio.get_running_loop()
+        done = asyncio.Event()
+
+        def tell() -> None:
+            with contextlib.suppress(RuntimeError):  # nobody waits in a loop that has closed
+                loop.call_soon_threadsafe(done.set)
+
+        self._put(Settle(tell))
+        await done.wait()
+
     @property
     def current_file(self) -> Path | None:
         """Name that the file being written will have; None while the disk refuses."""
@@ -254,7 +275,7 @@ class McapLog:
         return taken
 
     def _put(self, item: Item) -> bool:
-        if self._scribe.ended:
+        if self._closed or self._scribe.ended:
             raise LogError(f"{self._directory}: the log's writer has ended; the daemon must not go on without it")
         if (
             isinstance(item, Record)
