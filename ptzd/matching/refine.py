@@ -49,7 +49,16 @@ class Refined:
     """(k, n) robust weight of each sample in [0, 1]."""
 
 
-def refine(patch: Patch, view: WorkingView, arc: EpipolarArc, start: Place, bounds: Bounds, iterations: int) -> Refined:
+def refine(
+    patch: Patch,
+    view: WorkingView,
+    arc: EpipolarArc,
+    start: Place,
+    bounds: Bounds,
+    iterations: int,
+    *,
+    hold: bool = False,
+) -> Refined:
     """Move candidates until the view's pixels explain the patch up to gain and offset.
 
     Parameters
@@ -66,6 +75,8 @@ def refine(patch: Patch, view: WorkingView, arc: EpipolarArc, start: Place, boun
         Interval, band and noise; they enter as priors.
     iterations : int
         Gauss-Newton steps.
+    hold : bool
+        Leave offset and roll as they are.
     """
     gradients = _gradients(view.image)
     basis = _basis(arc.rotated)
@@ -75,7 +86,7 @@ def refine(patch: Patch, view: WorkingView, arc: EpipolarArc, start: Place, boun
         samples = view.sample(place.warps(arc), patch.rays)
         columns = _columns(view, arc, place, samples, gradients, coefficients, patch.rays)
         normal, right, scale, support = _normal_equations(patch, samples, columns, bounds.noise)
-        step, covariance = _solve(normal, right, scale, place, basis, precision)
+        step, covariance = _solve(normal, right, scale, place, basis, precision, 3 if hold else 5)
         place = _moved(place, step, basis, arc, bounds, patch.angle_rad)
     slide = speed(arc, place.planes @ arc.rotated)
     sigma = np.sqrt(slide**2 * covariance[:, 0, 0] + covariance[:, 3, 3])
@@ -141,10 +152,10 @@ def _normal_equations(
 ) -> tuple[Array, Array, Array, Floats]:
     """Normal equations (k, 5, 5), (k, 5) without gain and offset, their scale (k,), robust weights (k, n)."""
     base = samples.inside * patch.weight
-    _, _, residual = _photometric(base, samples.grey, patch.grey)
+    _, _, residual = photometric(base, samples.grey, patch.grey)
     support = _support(residual, base, patch.shape, noise)
     weight = base * support
-    gain, _, residual = _photometric(weight, samples.grey, patch.grey)
+    gain, _, residual = photometric(weight, samples.grey, patch.grey)
     jacobian = columns * gain[:, None, None]
     total = np.maximum(weight.sum(axis=1), 1e-9)
     nuisance = np.stack([samples.grey, np.ones_like(samples.grey)], axis=1)
@@ -161,7 +172,7 @@ def _normal_equations(
     return normal, right, effective / (variance * total), support
 
 
-def _photometric(weight: Floats, seen: Floats, wanted: Floats) -> tuple[Floats, Floats, Floats]:
+def photometric(weight: Floats, seen: Floats, wanted: Floats) -> tuple[Floats, Floats, Floats]:
     """Gain and offset (k,) that bring the view to the patch, and what is left (k, n)."""
     total = np.maximum(weight.sum(axis=1), 1e-9)
     mean_seen = (weight * seen).sum(axis=1) / total
@@ -184,8 +195,9 @@ def _support(residual: Floats, base: Floats, shape: tuple[int, int], noise: floa
 
 
 def _solve(
-    normal: Array, right: Array, scale: Array, place: Place, basis: Array, precision: Array
+    normal: Array, right: Array, scale: Array, place: Place, basis: Array, precision: Array, free: int
 ) -> tuple[Array, Array]:
+    """Step (k, 5), zero but for the first ``free`` parameters, and covariance (k, 5, 5)."""
     information = normal * scale[:, None, None]
     state = np.concatenate([place.planes @ basis, place.offset[:, None], place.roll[:, None]], axis=1)
     centre = np.zeros_like(state)
@@ -193,8 +205,10 @@ def _solve(
     posterior = information + precision[:, :, None] * np.eye(5)
     diagonal = np.diagonal(posterior, axis1=1, axis2=2)[:, :, None] * np.eye(5)
     wanted = right * scale[:, None] + precision * (centre - state)
-    step = np.linalg.solve(posterior + DAMPING * diagonal, wanted[..., None])[..., 0]
-    return np.asarray(step), np.asarray(np.linalg.inv(posterior), dtype=np.float64)
+    damped = (posterior + DAMPING * diagonal)[:, :free, :free]
+    step = np.zeros_like(state)
+    step[:, :free] = np.linalg.solve(damped, wanted[:, :free, None])[..., 0]
+    return step, np.asarray(np.linalg.inv(posterior), dtype=np.float64)
 
 
 def _moved(place: Place, step: Array, basis: Array, arc: EpipolarArc, bounds: Bounds, step_rad: float) -> Place:

@@ -10,7 +10,8 @@ import numpy as np
 from ptzd.geometry.arc import EpipolarArc
 from ptzd.geometry.sphere import pan_tilt
 from ptzd.matching.arrays import Floats
-from ptzd.matching.hypotheses import speed
+from ptzd.matching.centre import settle_on_centre
+from ptzd.matching.hypotheses import sample_inverse_ranges, speed
 from ptzd.matching.noise import noise_sigma, texture_ratio
 from ptzd.matching.patch import SMOOTHING, Patch, cut_patch, pixel_angle, step_for
 from ptzd.matching.place import Place, box_in_view, make_grid, peaks, separate
@@ -98,10 +99,14 @@ def _level(inputs: MatchInputs, step: int, noise: float) -> Level:
 
 
 def _finish(level: Level, arc: EpipolarArc, start: Place, inputs: MatchInputs) -> tuple[Candidate, ...]:
-    refined = refine(level.patch, level.view, arc, start, level.bounds, FINE_ITERATIONS)
-    place = refined.place
-    scores = level.score(place, arc)
-    sharpness = _sharpness(level, arc, place, scores.total)
+    patch = level.patch
+    refined = refine(patch, level.view, arc, start, level.bounds, FINE_ITERATIONS)
+    ranges = sample_inverse_ranges(
+        arc.rotated[None], arc.translation, inputs.inverse_range, STEP_SHARE * patch.angle_rad
+    )
+    place, sigma = settle_on_centre(patch, level.view, arc, refined, level.bounds, ranges)
+    scores = level.score(refined.place, arc)
+    sharpness = _sharpness(level, arc, refined.place, scores.total)
     pan, tilt = pan_tilt(place.bearings(arc))
     boxes = box_in_view(inputs, place, arc)
     return tuple(
@@ -112,7 +117,7 @@ def _finish(level: Level, arc: EpipolarArc, start: Place, inputs: MatchInputs) -
             offset_rad=float(place.offset[k]),
             score=float(np.clip(scores.total[k], -1.0, 1.0)),
             sharpness=float(sharpness[k]),
-            sigma_rad=float(refined.sigma_rad[k]),
+            sigma_rad=float(sigma[k]),
             plane=(float(place.planes[k, 0]), float(place.planes[k, 1]), float(place.planes[k, 2])),
             box_px=boxes[k],
             in_view=float(min(scores.in_view[k], 1.0)),

@@ -1,6 +1,6 @@
 """Accuracy of every matcher on every row of the paper's experiments and beyond.
 
-    python -m tests.bench.accuracy [--scene room] [--only GROUP] [--matchers sweep,harris] [--json OUT.json]
+python -m tests.bench.accuracy [--scene room] [--only GROUP] [--matchers sweep,harris] [--json OUT.json]
 """
 
 from __future__ import annotations

@@ -37,6 +37,7 @@ def _light(picture: np.ndarray, rng: np.random.Generator, gain: float, gamma: fl
 
 
 CONDITIONS: tuple[Condition, ...] = (
+    Condition(name="clean"),
     Condition(name="planar", group="surface", paper="0.58", kinds=("planar",)),
     Condition(name="slightly planar", group="surface", paper="0.60", kinds=("slightly_planar",)),
     Condition(name="non-planar", group="surface", paper="7.34", kinds=("non_planar",)),
