@@ -14,12 +14,16 @@ from ptzd.control.search import Ended, Found
 from ptzd.control.work import Work, seconds
 from ptzd.geometry.sphere import angle_between, bearing, pan_tilt
 from ptzd.geometry.types import Array
-from ptzd.model import Candidate, HeadReading, MatchResult, Outcome, ViewRef
+from ptzd.model import Candidate, HeadLimits, HeadReading, MatchResult, Outcome, ViewRef
 
 NARROW_PX = 4.0
 """Half width of the search around a known place, in fisheye pixels along the arc."""
 WIDE_PX = 16.0
 """The same when the place was lost, or the target has moved."""
+OFF_CENTRE_SHARE = 0.7
+"""A target that the limits keep off the centre is held if it is within 70 % of the way to the picture's edge."""
+SAFE_SHARE = 0.1
+"""The zoom follows the first move at once when three sigma of the place are under a tenth of the final picture."""
 ZOOMED_SHARE = 0.02
 """At the final zoom an offset under 2 % of the field of view is centred: nobody sees it."""
 
@@ -41,6 +45,7 @@ def begin(work: Work, active: Active, found: Found) -> Ended | None:
     active.scan = None
     if active.request.newer_box is not None:
         _adopt_update(work, active)
+    _zoom_at_once(work, active)
     work.feedback("found", probability=round(found.decision.probability, 4), score=round(found.place.score, 4))
     return _aim(work, active)
 
@@ -90,7 +95,8 @@ def on_match(work: Work, active: Active, result: MatchResult) -> Ended | None:
     )
     if lock.phase is Phase.REACQUIRING:
         lock.phase = Phase.CENTRING
-    if offset > _tolerance_rad(work, lock) and lock.corrections < work.config.lock.max_corrections:
+    centred = lock.off_centre or offset <= _tolerance_rad(work, lock)
+    if not centred and lock.corrections < work.config.lock.max_corrections:
         lock.corrections += 1
         return _aim(work, active)
     return _next_step(work, active)
@@ -102,7 +108,7 @@ def on_unverified(work: Work, active: Active, reason: str) -> Ended | None:
     if lock.phase in {Phase.CENTRING, Phase.REACQUIRING}:
         outcome = Outcome.LOST if lock.confirmed else Outcome.NOT_FOUND
         return Ended(outcome=outcome, reason=f"{lock.phase}: {reason}", probability=lock.probability)
-    if lock.phase is Phase.ZOOMING:
+    if lock.phase is Phase.ZOOMING and lock.confirmed:
         lock.may_zoom = False
         lock.note = f"held at the zoom of the scan, since at the asked zoom: {reason}"
     work.feedback("note", text=f"{lock.phase}: {reason}; looking again from zoom {lock.wide_zoom:g}")
@@ -148,6 +154,17 @@ def _lock(active: Active) -> LockMemory:
     return active.lock
 
 
+def _zoom_at_once(work: Work, active: Active) -> None:
+    """Centre and zoom in one move where the place is known well enough; it is verified there all the same."""
+    lock = _lock(active)
+    if lock.phase is not Phase.CENTRING or lock.probability < work.config.search.certain_probability:
+        return
+    target = _zoom_wanted(work, active)
+    hfov = work.rig.zoom.camera_at(target).hfov_rad
+    if work.config.lock.sigma_limit * math.radians(lock.sigma_deg) <= SAFE_SHARE * hfov and target != lock.zoom:
+        lock.phase, lock.zoom = Phase.ZOOMING, target
+
+
 def _next_step(work: Work, active: Active) -> Ended | None:
     lock = _lock(active)
     lock.confirmed = True
@@ -166,14 +183,40 @@ def _next_step(work: Work, active: Active) -> Ended | None:
 
 
 def _aim(work: Work, active: Active) -> Ended | None:
+    """Point at the place; one just outside the limits is looked at from the limit if it is well inside the picture."""
     lock, limits = _lock(active), work.memory.limits
+    if limits is None:
+        raise AssertionError("a lock without limits")
     direction = bearing(lock.place.pan_rad, lock.place.tilt_rad)
     target = work.rig.aim(direction, lock.zoom)
-    if limits is None or not limits.contains(target):
-        reason = f"the target at pan {target.pan_deg:.2f}°, tilt {target.tilt_deg:.2f}° is outside the head's limits"
-        return Ended(outcome=Outcome.UNREACHABLE, reason=reason, probability=lock.probability)
+    lock.off_centre = not limits.contains(target)
+    if lock.off_centre:
+        lock.zoom, lock.may_zoom = lock.wide_zoom, False
+        lock.phase = Phase.CENTRING if lock.phase is Phase.ZOOMING else lock.phase
+        nearest = _nearest(work.rig.aim(direction, lock.zoom), limits)
+        if not _well_inside(work, direction, nearest):
+            reason = (
+                f"the target at pan {target.pan_deg:.2f}°, tilt {target.tilt_deg:.2f}° is outside the head's limits"
+            )
+            return Ended(outcome=Outcome.UNREACHABLE, reason=reason, probability=lock.probability)
+        lock.note = (
+            f"held off the picture's centre: tilt {target.tilt_deg:.2f}°, pan {target.pan_deg:.2f}° is past a limit"
+        )
+        target = nearest
     work.move(target)
     return None
+
+
+def _nearest(target: HeadReading, limits: HeadLimits) -> HeadReading:
+    pan = target.pan_deg if limits.endless_pan else min(max(target.pan_deg, limits.pan_deg[0]), limits.pan_deg[1])
+    tilt = min(max(target.tilt_deg, limits.tilt_deg[0]), limits.tilt_deg[1])
+    return HeadReading(pan_deg=pan, tilt_deg=tilt, zoom=target.zoom)
+
+
+def _well_inside(work: Work, direction: Array, reading: HeadReading) -> bool:
+    pixel, valid = work.rig.project_to_view(direction, reading)
+    half = np.array(work.rig.zoom.size_px) / 2
+    return bool(valid) and bool((np.abs(pixel - half) < OFF_CENTRE_SHARE * half).all())
 
 
 def range_of(place: Candidate) -> float | None:

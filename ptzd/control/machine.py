@@ -46,7 +46,6 @@ class Machine:
         self._work = Work(rig=rig, config=config, memory=self._memory)
         self._desk = Desk(work=self._work)
         self._operator = Operator(work=self._work, desk=self._desk)
-        self._status: cmd.PublishStatus | None = None
         self._handlers: dict[type[ev.Event], Callable[[Any], None]] = {
             ev.RequestReceived: self._on_request,
             ev.PayloadRefused: self._on_payload_refused,
@@ -73,9 +72,7 @@ class Machine:
     @classmethod
     def restored(cls, rig: Rig, config: Config, snapshot: ev.Snapshot) -> Machine:
         """Build a core that goes on exactly where :meth:`snapshot` was taken."""
-        machine = cls(rig, config, msgspec.convert(snapshot.state, Memory, strict=False))
-        machine._status = machine._status_now()
-        return machine
+        return cls(rig, config, msgspec.convert(snapshot.state, Memory, strict=False))
 
     def snapshot(self, t_ns: int) -> ev.Snapshot:
         """Everything this core remembers, as the first event of a log file."""
@@ -386,10 +383,10 @@ class Machine:
         )
 
     def _publish_status(self) -> None:
-        status = self._status_now()
-        if status == self._status:
+        status, told = self._status_now(), self._memory.published
+        if status == told:
             return
-        if self._memory.active is not None and (self._status is None or status.state != self._status.state):
+        if self._memory.active is not None and (told is None or status.state != told.state):
             self._work.feedback("state", state=status.state, phase=status.phase)
-        self._status = status
+        self._memory.published = status
         self._work.out.append(status)

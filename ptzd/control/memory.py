@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+from ptzd.control.commands import PublishStatus
 from ptzd.control.events import ZoomWish
 from ptzd.control.states import State
 from ptzd.model import Box, Candidate, FrameRef, HeadLimits, HeadReading, MatchResult, Motion, ViewRef
@@ -106,7 +107,9 @@ class LockMemory:
     """Zoom of the present step."""
     corrections: int = 0
     may_zoom: bool = True
-    """False after a verification at the asked zoom failed."""
+    """False after a verification at the asked zoom failed, and for a target that cannot be centred."""
+    off_centre: bool = False
+    """The head's limits keep the target off the picture's centre."""
     confirmed: bool = False
     locked_ns: int | None = None
     verify_ns: int | None = None
@@ -159,6 +162,6 @@ class Memory:
     stop_tokens: list[int] = field(default_factory=list)
     stop_until_ns: int | None = None
     """A stop is under way; nothing starts before it is confirmed."""
-    stopping: bool = False
-    """Shutdown: Finished is given when the stop is confirmed."""
     finished: bool = False
+    published: PublishStatus | None = None
+    """The status that was told last."""
