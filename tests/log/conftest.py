@@ -4,10 +4,15 @@ import itertools
 import threading
 import time
 
+import numpy as np
 import pytest
 
 from ptzd.config import LogSettings
 from ptzd.control.events import FrameArrived, Snapshot
+from ptzd.geometry.head import Axis, HeadModel
+from ptzd.geometry.rig import Rig, Uncertainty
+from ptzd.geometry.unified import UnifiedCamera
+from ptzd.geometry.zoom import ZoomEntry, ZoomTable
 from ptzd.log.run import RunInfo
 from ptzd.model import FrameRef
 from ptzd.ports import Picture
@@ -90,3 +95,21 @@ def no_thread_stays():
     yield
     left = [thread for thread in set(threading.enumerate()) - before if thread.name == "ptzd-log"]
     assert not left
+
+
+@pytest.fixture(scope="session")
+def rig():
+    """Half a metre apart, side by side; fisheye of 180°, PTZ of 60° to 2.4°."""
+    entries = tuple(
+        ZoomEntry(zoom=zoom, fx=fx, fy=fx, cx=319.5, cy=239.5)
+        for zoom, fx in ((1.0, 554.0), (2000.0, 2200.0), (9999.0, 15000.0))
+    )
+    return Rig(
+        fisheye=UnifiedCamera(size_px=(640, 480), fx=282.0, fy=282.0, cx=319.5, cy=239.5, xi=1.2, max_angle_rad=1.6),
+        zoom=ZoomTable(size_px=(640, 480), entries=entries),
+        head=HeadModel(pan=Axis(), tilt=Axis()),
+        head_from_fisheye_rotation=np.eye(3),
+        head_from_fisheye_translation=np.array([-0.5, -0.1, -0.05]),
+        metric=True,
+        uncertainty=Uncertainty(rotation_rad=0.003, translation=0.005, head_rad=0.001),
+    )
