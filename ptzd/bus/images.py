@@ -29,10 +29,11 @@ class ImagePublisher:
         self._waiting: dict[str, tuple[bytes, dict[str, object]]] = {}
         self._changed = threading.Condition()
         self._closing = False
-        self._thread = threading.Thread(target=self._run, name="ptzd-images")
+        self._thread = threading.Thread(target=self._run, name="ptzd-images", daemon=True)
         self.replaced = 0
         """Pictures that a newer one replaced before they were sent."""
         self.sent = 0
+        """Pictures handed to Zenoh."""
 
     def start(self) -> None:
         """Declare the keys and start the thread."""
@@ -76,5 +77,5 @@ class ImagePublisher:
                     return
                 key = next(iter(self._waiting))
                 jpeg, attachment = self._waiting.pop(key)
-            self._publishers[key].put(jpeg, attachment=msgspec.json.encode(attachment))
             self.sent += 1
+            self._publishers[key].put(jpeg, attachment=msgspec.json.encode(attachment))

@@ -274,6 +274,6 @@ class ZenohBus:
             self._keys.full(key),
             msgspec.json.encode(document),
             encoding=encoding(message),
+            # Not express: that spends a batch per message, and a burst of feedback would overflow a busy link's two.
             congestion_control=zenoh.CongestionControl.DROP,
-            express=True,
         )

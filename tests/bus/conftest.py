@@ -132,6 +132,17 @@ async def client(endpoint: str, bus: ZenohBus) -> AsyncIterator[Client]:
 
 
 @pytest.fixture
+def until_alive():
+    async def wait(client: Client, rig: str) -> None:
+        """Ask until the rig's liveliness token has come round; every question is a round trip."""
+        async with asyncio.timeout(20):
+            while rig not in await client.rigs():
+                pass
+
+    return wait
+
+
+@pytest.fixture
 def raw(client: Client):
     """The client's own Zenoh session, for what the client library would not send."""
     return client._session

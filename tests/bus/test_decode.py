@@ -5,7 +5,7 @@ import math
 import random
 
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ptzd.bus.decode import MAX_PAYLOAD_BYTES, readable_id, request_event, update_event
@@ -213,6 +213,7 @@ DOCUMENTS = st.fixed_dictionaries(
 )
 
 
+@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(DOCUMENTS)
 def test_what_passes_is_within_its_ranges(document: dict[str, object]):
     event = told({**GOOD, **document})

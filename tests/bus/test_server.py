@@ -8,6 +8,7 @@ import pytest
 import zenoh
 from zenoh.handlers import Callback
 
+from ptzd.bus import server as server_module
 from ptzd.bus.client import Client
 from ptzd.bus.messages import ErrorReply, LogReference, encoding
 from ptzd.bus.server import ZenohBus
@@ -249,8 +250,8 @@ async def test_status_joins_what_core_and_shell_know(endpoint, clock):
         assert status.devices == {"ptz": {"model": "V5915"}}
 
 
-async def test_status_comes_again_by_itself(bus, client):
-    bus.perform(STATUS)
+async def test_status_comes_again_by_itself(bus, client, monkeypatch):
+    monkeypatch.setattr(server_module, "STATUS_EVERY_S", 0.01)
     seen = []
     async for notice in client.watch():
         seen.append(notice.t_ns)
@@ -311,7 +312,7 @@ async def test_only_its_own_commands(bus):
         bus.perform(StopHead())
 
 
-async def test_rig_is_alive_exactly_while_open(bus, endpoint, clock, client):
+async def test_rig_is_alive_exactly_while_open(bus, endpoint, clock, client, until_alive):
     assert await client.rigs() == ["hall"]
     gone = threading.Event()
     watcher = client._session.liveliness().declare_subscriber(
@@ -319,15 +320,15 @@ async def test_rig_is_alive_exactly_while_open(bus, endpoint, clock, client):
     )
     other = BusSettings(mode="client", listen=(), connect=(endpoint,))
     async with ZenohBus(other, "yard", clock):
-        while await client.rigs() != ["hall", "yard"]:
-            await asyncio.sleep(0.01)
+        await until_alive(client, "yard")
+        assert await client.rigs() == ["hall", "yard"]
     assert await asyncio.to_thread(gone.wait, 20)
     watcher.undeclare()
     assert await client.rigs() == ["hall"]
 
 
 async def test_closing_answers_who_waits_and_ends_the_events(endpoint, clock):
-    async with Client_and_bus(endpoint, clock) as (bus, raw):
+    async with Pair(endpoint, clock) as (bus, raw):
         gathered = ask(raw, "ptzd/hall/roi", body())
         events = bus.events()
         assert isinstance(await anext(events), RequestReceived)
@@ -337,7 +338,7 @@ async def test_closing_answers_who_waits_and_ends_the_events(endpoint, clock):
         assert await ask(raw, "ptzd/hall/status", timeout_s=0.5).wait() == []
 
 
-class Client_and_bus:
+class Pair:
     """A bus that the test closes itself."""
 
     def __init__(self, endpoint, clock) -> None:
@@ -357,7 +358,7 @@ async def test_a_fault_in_the_shell_s_part_of_the_status_is_not_silent(endpoint,
     def broken():
         raise ZeroDivisionError("a fault")
 
-    async with ZenohBus(BusSettings(listen=(endpoint,)), "hall", clock, status_extra=lambda: broken()) as bus:
+    async with ZenohBus(BusSettings(listen=(endpoint,)), "hall", clock, status_extra=broken) as bus:
         with pytest.raises(ZeroDivisionError, match="a fault"):
             await anext(aiter(bus.events()))
         bus._answers._status_extra = dict
