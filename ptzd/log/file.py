@@ -124,7 +124,6 @@ class McapFile:
 
     def finish(self) -> None:
         """Write the summary, bring all of it to the disk, give the file its final name."""
-        self.flush()
         self._writer.finish()  # type: ignore[no-untyped-call]
         os.fsync(self._descriptor)
         self.active.rename(self.path)

@@ -224,9 +224,10 @@ class Scribe:
         self._flushed_s = time.monotonic()
 
     def _limit_held(self) -> None:
-        if len(self._held) > MAX_HELD:
-            self._held.pop(0)
-            self.counters.decisions_lost += 1
+        excess = len(self._held) - MAX_HELD
+        if excess > 0:
+            del self._held[:excess]
+            self.counters.decisions_lost += excess
 
     def _tend(self) -> None:
         now_s = time.monotonic()
@@ -267,7 +268,7 @@ class Scribe:
     def _report(self) -> None:
         """Tell the reader of the log what it does not hold."""
         state = (self.counters.pictures_dropped, self.degraded)
-        if state == self._reported:
+        if self._file is None or state == self._reported:
             return
         text = self.degraded or "all is written again"
         if state[0] != self._reported[0]:
@@ -297,6 +298,7 @@ class Scribe:
         kept = [record for record in self._held if not record.droppable]
         self.counters.pictures_dropped += len(self._held) - len(kept)
         self._held = kept
+        self._limit_held()
 
     def _reopen(self) -> None:
         """Begin a new file with the records that the old one lost; without room for those, later."""
@@ -336,9 +338,7 @@ class Scribe:
         if self._file is None or self._decisions == 0:
             return
         try:
-            self._file.finish()
-            self._file = None
-            self._held.clear()
+            self._finish(self._file)
             self.open()
             self._retain(retention.free_bytes(self._directory))
         except OSError as error:
@@ -350,7 +350,13 @@ class Scribe:
                 self._reopen()
             self._mend()
             if self._file:
-                self._file.finish()
-                self._file = None
+                self._finish(self._file)
         except OSError as error:
             self._fail(error)
+
+    def _finish(self, file: McapFile) -> None:
+        """Close the last chunk first: a summary that finds no room costs no records."""
+        file.flush()
+        self._kept()
+        file.finish()
+        self._file = None
