@@ -128,7 +128,7 @@ def readable_id(payload: bytes) -> str | None:
     if len(payload) > MAX_PAYLOAD_BYTES:
         return None
     try:
-        document = json.loads(payload.decode(), object_pairs_hook=_unique)
+        document = _CAREFUL.decode(payload.decode())
     except (ValueError, RecursionError):
         return None
     found = document.get("id") if isinstance(document, dict) else None
@@ -144,7 +144,7 @@ def _invalid(text: str) -> RequestRefused:
 
 def _not_json(payload: bytes, reason: str) -> RequestRefused:
     try:
-        document = json.loads(payload.decode(), object_pairs_hook=_unique)
+        document = _CAREFUL.decode(payload.decode())
     except (ValueError, RecursionError):
         return RequestRefused("not_json", f"the payload is not JSON in UTF-8: {reason}")
     path = _not_finite(document, "$")
@@ -176,9 +176,12 @@ def _unique(pairs: list[tuple[str, object]]) -> dict[str, object]:
     return document
 
 
+_CAREFUL = json.JSONDecoder(object_pairs_hook=_unique)
+
+
 def _refuse_repeated(payload: bytes) -> None:
     try:
-        json.loads(payload, object_pairs_hook=_unique)
+        _CAREFUL.decode(payload.decode())
     except _Repeated as error:
         message = f"the field `{error.key}` occurs more than once"
         raise RequestRefused("invalid", message, f"$..{error.key}") from None
