@@ -124,7 +124,7 @@ class _Loader(yaml.SafeLoader):
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen: set[str] = set()
         for key, _ in node.value:
-            if key.value in seen:
+            if str(key.value) in seen:
                 raise yaml.constructor.ConstructorError(None, None, f"key {key.value!r} is given twice", key.start_mark)
             seen.add(str(key.value))
         return super().construct_mapping(node, deep)
@@ -277,16 +277,20 @@ def _degrees(angle_rad: float) -> float:
     """Return the shortest number of degrees that reads back to the same angle, or 10 decimals."""
     exact = math.degrees(angle_rad)
     for decimals in range(_DECIMALS):
-        if math.radians(round(exact, decimals)) == angle_rad:
-            return round(exact, decimals)
-    return round(exact, _DECIMALS)
+        if math.radians(_rounded(exact, decimals)) == angle_rad:
+            return _rounded(exact, decimals)
+    return _rounded(exact, _DECIMALS)
 
 
 def _rotvec_degrees(rotation: Array) -> list[float]:
     """Return the shortest rotation vector in deg that reads back to the same matrix, or 10 decimals."""
     exact = [math.degrees(angle) for angle in rotvec_from_rotation(rotation)]
     for decimals in range(_DECIMALS):
-        rounded = [round(angle, decimals) for angle in exact]
+        rounded = [_rounded(angle, decimals) for angle in exact]
         if np.array_equal(_rotation(tuple(rounded)), rotation):
             return rounded
-    return [round(angle, _DECIMALS) for angle in exact]
+    return [_rounded(angle, _DECIMALS) for angle in exact]
+
+
+def _rounded(value: float, decimals: int) -> float:
+    return round(value, decimals) + 0.0  # no negative zero
