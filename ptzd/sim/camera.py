@@ -61,8 +61,8 @@ class AxisCamera:
         )
         eye = PtzEye(scene, profile, head, noise_sigma=settings.ptz_noise_sigma, seed=settings.seed)
         self._darkroom = Darkroom()
-        pictures = PictureCgi(self.unit, eye, self._darkroom, self.faults, self.shots)
-        self._server = CameraServer(self.unit, self.gate, pictures, self.faults, self.reboot)
+        self._pictures = PictureCgi(self.unit, eye, self._darkroom, self.faults, self.shots)
+        self._server = CameraServer(self.unit, self.gate, self._pictures, self.faults, self.reboot)
         self._runner = web.AppRunner(
             self._server.app(), handler_cancellation=True, shutdown_timeout=0.1, access_log=None, keepalive_timeout=15.0
         )
@@ -109,6 +109,11 @@ class AxisCamera:
         task = asyncio.create_task(work, name=name)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
+
+    @property
+    def viewers(self) -> int:
+        """Open streams."""
+        return self._pictures.viewers
 
     @property
     def url(self) -> str:

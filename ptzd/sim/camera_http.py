@@ -111,27 +111,28 @@ class CameraServer:
     async def _faulty(self, fault: Fault, request: web.Request, handler: Handler) -> web.StreamResponse:
         clock = self._unit.clock
         match fault.kind:
-            case FaultKind.HANG:
-                await clock.sleep_until(clock.now_s() + 3600)
+            case FaultKind.HANG | FaultKind.RESET:
+                if fault.kind is FaultKind.HANG:
+                    await clock.sleep_until(clock.now_s() + 3600)
                 return abort(request)
             case FaultKind.SLOW:
                 await clock.sleep_until(clock.now_s() + fault.delay_s)
                 return await handler(request)
-            case FaultKind.STATUS:
-                challenge = ("WWW-Authenticate", f'Basic realm="AXIS_{self._unit.profile.serial}"')
-                return html(fault.status, "Refused", headers=[challenge] if fault.status == 401 else [])
-            case FaultKind.RESET:
-                return abort(request)
-            case FaultKind.HTML:
-                return html(200, "Index page")
-            case FaultKind.ERROR_TEXT:
-                return plain(error("PTZ driver is not responding"))
-            case FaultKind.EMPTY:
-                return plain("")
+            case FaultKind.GARBAGE:
+                return _garbled(await handler(request))
             case _:
-                response = await handler(request)
-                body = response.body if isinstance(response, web.Response) else None
-                return plain(garbled(body.decode())) if isinstance(body, bytes) and response.status == 200 else response
+                return self._instead(fault)
+
+    def _instead(self, fault: Fault) -> web.Response:
+        """What is sent instead of the answer."""
+        challenge = ("WWW-Authenticate", f'Basic realm="AXIS_{self._unit.profile.serial}"')
+        refusal = html(fault.status, "Refused", headers=[challenge] if fault.status == 401 else [])
+        others = {
+            FaultKind.HTML: html(200, "Index page"),
+            FaultKind.ERROR_TEXT: plain(error("PTZ driver is not responding")),
+            FaultKind.EMPTY: plain(""),
+        }
+        return others.get(fault.kind, refusal)
 
     @web.middleware
     async def _authenticate(self, request: web.Request, handler: Handler) -> web.StreamResponse:
@@ -248,3 +249,8 @@ async def _message(request: web.Request) -> dict[str, object]:
 
 def _json(document: dict[str, object]) -> web.Response:
     return plain(msgspec.json.encode(document).decode(), content_type="application/json")
+
+
+def _garbled(response: web.StreamResponse) -> web.StreamResponse:
+    body = response.body if isinstance(response, web.Response) else None
+    return plain(garbled(body.decode())) if isinstance(body, bytes) and response.status == 200 else response

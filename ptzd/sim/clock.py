@@ -21,19 +21,29 @@ class SimClock(Protocol):
 
 
 class WallClock:
-    """Epoch at construction plus the monotonic clock since."""
+    """Epoch at construction plus the monotonic clock since.
 
-    def __init__(self) -> None:
-        self._offset_s = time.time() - time.monotonic()
+    Parameters
+    ----------
+    rate : float
+        Simulated seconds per real one; above 1 the camera's mechanics run faster than life.
+    """
+
+    def __init__(self, rate: float = 1.0) -> None:
+        self._start_s = time.time()
+        self._monotonic_s = time.monotonic()
+        self._rate = rate
 
     def now_s(self) -> float:
         """The present, s since the epoch."""
-        return time.monotonic() + self._offset_s
+        return self._start_s + (time.monotonic() - self._monotonic_s) * self._rate
 
     async def sleep_until(self, t_s: float) -> None:
         """Sleep on the event loop."""
-        while (rest_s := t_s - self.now_s()) > 0:
-            await asyncio.sleep(rest_s)
+        rest_s = t_s - self.now_s()
+        while rest_s > 0:
+            await asyncio.sleep(rest_s / self._rate)
+            rest_s = t_s - self.now_s()
 
 
 class VirtualClock:

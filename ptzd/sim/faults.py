@@ -1,4 +1,4 @@
-"""Faults on order: what an HTTP camera does wrong, on which requests, for how long. Pure except for reading a script."""
+"""Faults on order: what an HTTP camera does wrong, on which requests, for how long."""
 
 from __future__ import annotations
 

@@ -27,21 +27,22 @@ class FisheyeCamera:
     Parameters
     ----------
     settings : SimSettings
-    picture : array (H, W, 3) uint8
-        The scene as the lens draws it, without noise.
+    draw : Callable
+        Gives the scene as the lens draws it, (H, W, 3) uint8 without noise; called once, for the first picture.
     camera : CameraModel
         The lens.
     clock : SimClock
     """
 
-    def __init__(self, settings: SimSettings, picture: Pixels, camera: CameraModel, clock: SimClock) -> None:
+    def __init__(self, settings: SimSettings, draw: Callable[[], Pixels], camera: CameraModel, clock: SimClock) -> None:
         self.settings = settings
         self.camera = camera
         self.faults = FaultBox()
         self.shots = ShotLog()
         self.port = 0
         self._clock = clock
-        self._picture = picture
+        self._draw = draw
+        self._picture: Pixels | None = None
         self._noise = Noise(settings.fisheye_noise_sigma, settings.seed + 1, camera.size_px)
         self._darkroom = Darkroom()
         self._stream = Stream(
@@ -97,6 +98,8 @@ class FisheyeCamera:
         return f"http://{self.settings.host}:{self.port}{STREAM_PATH}"
 
     def _jpeg(self) -> bytes:
+        if self._picture is None:
+            self._picture = self._draw()
         return encode(self._noise.on(self._picture), self.settings.fisheye_quality)
 
     async def _develop(self, t_s: float) -> bytes:
@@ -105,7 +108,9 @@ class FisheyeCamera:
         return jpeg
 
     @web.middleware
-    async def _fault(self, request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]) -> web.StreamResponse:
+    async def _fault(
+        self, request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
+    ) -> web.StreamResponse:
         fault = self.faults.on_request(request.path_qs, self._clock.now_s())
         match fault.kind if fault else None:
             case FaultKind.RESET:

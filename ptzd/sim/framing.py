@@ -1,4 +1,4 @@
-"""Moves that are given in the picture: centre, area zoom, steps. The camera uses what it believes of its own lens. Pure."""
+"""Moves given in the picture: centre, area zoom, steps. The camera uses what it believes of its own lens. Pure."""
 
 from __future__ import annotations
 

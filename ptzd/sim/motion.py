@@ -76,6 +76,7 @@ class Plan:
 
     @property
     def start_s(self) -> float:
+        """When the plan begins."""
         return self.segments[0].t_s
 
     def at(self, t_s: float) -> tuple[float, float]:
@@ -140,6 +141,7 @@ class Ring:
     hz: float
 
     def at(self, t_s: float) -> float:
+        """Excursion at ``t_s``."""
         dt = t_s - self.start_s
         if dt <= 0:
             return 0.0

@@ -49,7 +49,7 @@ def calibrated_zooms(profile: Profile) -> tuple[int, ...]:
     """Zoom positions of the true zoom table, evenly spread in log magnification."""
     top = profile.max_magnification
     shares = (np.geomspace(1.0, top, CALIBRATED_ZOOMS) - 1) / (top - 1)
-    return tuple(sorted({int(round(1 + share * (ZOOM_STEPS - 1))) for share in shares.tolist()}))
+    return tuple(sorted({round(1 + share * (ZOOM_STEPS - 1)) for share in shares.tolist()}))
 
 
 def hfov_deg(profile: Profile, zoom: float, size_px: tuple[int, int]) -> float:

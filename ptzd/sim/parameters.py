@@ -193,7 +193,7 @@ def limits(profile: Profile, *, e_flip_tilt_deg: float | None = None) -> dict[st
 def select(parameters: dict[str, str], groups: str, role: Role) -> tuple[list[str], list[str]]:
     """Lines ``root.Name=value`` of the comma-separated groups, and the groups that do not exist for this role.
 
-    A group is a name or a prefix of names, with or without ``root.``, and may hold ``*``; an empty text means everything.
+    A group is a name or a prefix of names, with or without ``root.``, and may hold ``*``; no group means everything.
     """
     visible = {
         name: value

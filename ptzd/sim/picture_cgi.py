@@ -88,6 +88,11 @@ class PictureCgi:
         self._streams: dict[PictureKind, Stream] = {}
         self._limit = ViewerLimit(unit.settings.max_viewers, unit.settings.max_configurations)
 
+    @property
+    def viewers(self) -> int:
+        """Open streams."""
+        return self._limit.viewers
+
     async def develop(self, t_s: float, kind: PictureKind) -> bytes:
         """JPEG of an exposure around ``t_s``, which must have passed."""
         exposure = exposure_at(self._unit, t_s, kind.size_px)

@@ -1,7 +1,7 @@
 """What kinds of AXIS camera the simulator can be: frozen data, one profile per kind.
 
-Ranges and formats follow recorded answers of cameras of each class (position keys and decimals, limits, presets); speeds, latencies
-and lags are stated assumptions where no source gives a figure.
+Ranges and formats follow recorded answers of cameras of each class (position keys and decimals, limits, presets);
+speeds, latencies and lags are stated assumptions where no source gives a figure.
 """
 
 from __future__ import annotations
@@ -111,6 +111,16 @@ class Profile:
     def full_name(self) -> str:
         """Name in the camera's own pages."""
         return f"AXIS {self.product} PTZ Network Camera"
+
+    @property
+    def pan_limits_deg(self) -> tuple[float, float]:
+        """Lowest and highest pan; an endless head wraps there."""
+        return self.pan.low, self.pan.high
+
+    @property
+    def tilt_limits_deg(self) -> tuple[float, float]:
+        """Lowest and highest tilt."""
+        return self.tilt.low, self.tilt.high
 
     @property
     def max_magnification(self) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from ptzd.sim import ptz_answers as answers
@@ -56,7 +57,7 @@ def _adjust(unit: Unit, request: PtzRequest) -> None:
             unit.switches[name] = state
     for name, automatic in (("focus", "autofocus"), ("iris", "autoiris"), ("brightness", "")):
         absolute, relative = request.number(name), request.number(f"r{name}")
-        if absolute is None and relative is None or unit.switches.get(automatic) == "on":
+        if (absolute is None and relative is None) or unit.switches.get(automatic) == "on":
             continue
         value = absolute if absolute is not None else unit.levels[name] + (relative or 0)
         low, high = unit.limits.get(f"Min{name.capitalize()}", "1"), unit.limits.get(f"Max{name.capitalize()}", "9999")
@@ -129,23 +130,20 @@ def _presets(unit: Unit, request: PtzRequest, user: User) -> None:
 
 
 def _query(unit: Unit, request: PtzRequest, name: str, *, as_json: bool) -> str:
-    match name:
-        case "position":
-            return answers.position(unit)
-        case "limits":
-            return answers.lines(f"{key}={value}" for key, value in unit.limits.items())
-        case "speed":
-            return answers.lines([f"speed={unit.speed_index}"])
-        case "mode":
-            return answers.lines(["mode=normal"])
-        case "auxiliary":
-            return '{"Camera 1": {}}' if as_json else answers.lines(["Available auxiliary commands:"])
-        case "attributes" if not unit.profile.has_attributes:
-            return answers.error("query: unknown value: attributes")
-        case "attributes":
-            return answers.attributes(unit.profile, request.text("group"), as_json=as_json)
-        case _:
-            return answers.presets(unit, data=name == "presetposcamdata", as_json=as_json)
+    if name == "attributes" and not unit.profile.has_attributes:
+        return answers.error("query: unknown value: attributes")
+    if name == "auxiliary":
+        return '{"Camera 1": {}}' if as_json else answers.lines(["Available auxiliary commands:"])
+    if name.startswith("preset"):
+        return answers.presets(unit, data=name == "presetposcamdata", as_json=as_json)
+    texts: dict[str, Callable[[], str]] = {
+        "position": lambda: answers.position(unit),
+        "limits": lambda: answers.lines(f"{key}={value}" for key, value in unit.limits.items()),
+        "speed": lambda: answers.lines([f"speed={unit.speed_index}"]),
+        "mode": lambda: answers.lines(["mode=normal"]),
+        "attributes": lambda: answers.attributes(unit.profile, request.text("group"), as_json=as_json),
+    }
+    return texts[name]()
 
 
 def configure(unit: Unit, arguments: dict[str, str]) -> Reply:

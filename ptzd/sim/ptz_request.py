@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 
 MOVES = ("home", "up", "down", "left", "right", "upleft", "upright", "downleft", "downright", "stop")
 QUERIES = (
-    "speed", "position", "limits", "mode", "presetposall", "presetposcam", "presetposcamdata", "auxiliary", "attributes",
+    "speed", "position", "limits", "mode", "presetposall", "presetposcam", "presetposcamdata", "auxiliary",
+    "attributes",
 )  # fmt: skip
 ZOOM_RANGE = (1, 9999)
 

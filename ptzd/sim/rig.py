@@ -52,10 +52,9 @@ class SimRig:
 
     async def __aenter__(self) -> SimRig:
         draw = partial(fisheye_picture, self.scene, self.fisheye_camera)
-        picture = await asyncio.get_running_loop().run_in_executor(None, draw)
         async with AsyncExitStack() as stack:
             await stack.enter_async_context(self.camera)
-            fisheye = FisheyeCamera(self.settings, picture, self.fisheye_camera, self.clock)
+            fisheye = FisheyeCamera(self.settings, draw, self.fisheye_camera, self.clock)
             self.fisheye = await stack.enter_async_context(fisheye)
             truth = TruthServer(
                 self.camera,

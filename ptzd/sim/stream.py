@@ -1,4 +1,4 @@
-"""Pictures in time: one producer per stream configuration, shared by its viewers; each picture exposed at its own moment."""
+"""Pictures in time: one producer per stream configuration, shared by its viewers; each exposed at its own moment."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@
 ``/truth/fault``      POST a fault (fields of :class:`ptzd.sim.faults.Fault`); DELETE ends all
 ====================  =============================================================================================
 
-Times are ns since the epoch on the simulator's clock; ``monotonic_ns`` is the machine's monotonic clock at the same moment.
+Times are ns since the epoch on the simulator's clock; ``monotonic_ns`` is the machine's monotonic clock then.
 """
 
 from __future__ import annotations

@@ -120,10 +120,15 @@ class ViewerLimit:
         self._max_configurations = max_configurations
         self._viewers: dict[object, int] = {}
 
+    @property
+    def viewers(self) -> int:
+        """How many look."""
+        return sum(self._viewers.values())
+
     def enter(self, configuration: object) -> bool:
         """Take a place; False when there is none."""
         new = configuration not in self._viewers
-        if sum(self._viewers.values()) >= self._max_viewers or (new and len(self._viewers) >= self._max_configurations):
+        if self.viewers >= self._max_viewers or (new and len(self._viewers) >= self._max_configurations):
             return False
         self._viewers[configuration] = self._viewers.get(configuration, 0) + 1
         return True
