@@ -1,0 +1,1 @@
+"""Recognising a region of the fisheye picture in a PTZ view: ``sweep``, the default, and ``harris``, the paper."""
