@@ -1,0 +1,228 @@
+"""The V4L2 reader against the kernel's own drivers: uvcvideo with a software camera, vivid for raw formats."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import time
+from contextlib import aclosing
+from pathlib import Path
+
+import cv2
+import msgspec
+import numpy as np
+from checks import Checks, UvcCamera, shell
+
+from ptzd.config import V4l2Source
+from ptzd.devices.v4l2 import V4l2Fisheye
+from ptzd.devices.v4l2_list import list_devices
+from ptzd.errors import DeviceLost, DeviceRefused
+from ptzd.runtime.clock import SteadyClock
+
+WIDTH, HEIGHT, FPS = 640, 480, 5
+STABLE_NAME = "/dev/ptzd/fisheye"
+SETTINGS = V4l2Source(device=STABLE_NAME, size_px=(WIDTH, HEIGHT), fps=FPS, stall_s=3.0)
+PICTURES = Path("/run/pictures")
+
+
+def run(checks: Checks, soak_s: float) -> None:
+    make_pictures()
+    shell("modprobe uvcvideo nodrop=1; modprobe vhci-hcd")
+    with UvcCamera(PICTURES, f"{WIDTH}x{HEIGHT}", FPS).plugged_in() as camera:
+        checks.until("udev gives the camera its stable name", Path(STABLE_NAME).exists)
+        check_list(checks)
+        for suite in (pictures, refusals, controls, losses, slow_reader, damage, stall, unplug):
+            print(f"-- {suite.__name__}", flush=True)
+            asyncio.run(suite(checks, camera))
+        print("-- soak", flush=True)
+        asyncio.run(soak(checks, soak_s))
+    for form in ("YUYV", "GREY"):
+        asyncio.run(raw(checks, form))
+
+
+def make_pictures() -> None:
+    PICTURES.mkdir(exist_ok=True)
+    noise = np.random.default_rng(1).integers(0, 255, (HEIGHT // 8, WIDTH // 8, 3), np.uint8)
+    scene = cv2.resize(noise, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC)
+    for number in range(8):
+        shown = cv2.circle(scene.copy(), (80 + 60 * number, 240), 40, (0, 0, 255), -1)
+        (PICTURES / f"{number}.jpg").write_bytes(cv2.imencode(".jpg", shown)[1].tobytes())
+
+
+def check_list(checks: Checks) -> None:
+    offers, failures = list_devices()
+    names = [name for offer in offers for name in offer.stable_names]
+    checks.that("the list has the camera with its stable name first", names[:1] == [STABLE_NAME], names)
+    checks.that("every node could be asked", not failures, failures)
+    if offers:
+        told = [f"{offer.fourcc} {size}" for offer in offers[0].formats for size in offer.sizes]
+        checks.that("the list has its format, size and rate", told == ["MJPG 640x480 @ 5 fps"], told)
+        keys = {control.key for control in offers[0].controls}
+        checks.that("the list has its controls", {"brightness", "gain", "exposure_time_absolute"} <= keys, sorted(keys))
+
+
+async def take(fisheye: V4l2Fisheye, count: int):
+    async with aclosing(fisheye.pictures()) as stream:
+        return [await anext(stream) for _ in range(count)]
+
+
+async def pictures(checks: Checks, camera: UvcCamera) -> None:
+    clock = SteadyClock()
+    sources = {path.read_bytes() for path in PICTURES.iterdir()}
+    taken = await take(V4l2Fisheye(SETTINGS, clock), 12)
+    checks.that("the bytes are the camera's own", all(picture.jpeg in sources for picture in taken))
+    numbers = [picture.frame.seq for picture in taken]
+    lost = sum(picture.lost_before for picture in taken)
+    checks.that("gaps in the numbers are the losses", numbers[-1] - numbers[0] == len(taken) - 1 + lost, numbers)
+    ages_s = [(picture.t_arrival_ns - picture.frame.t_capture_ns) / 1e9 for picture in taken]
+    checks.that("stamps are of this clock and of now", all(-0.1 < age < 3 for age in ages_s), f"{max(ages_s):.3f} s")
+
+
+async def refusals(checks: Checks, camera: UvcCamera) -> None:
+    for wrong, words in ((("size_px", (320, 240)), "640x480"), (("format", "YUYV"), "MJPG")):
+        try:
+            await take(V4l2Fisheye(msgspec.structs.replace(SETTINGS, **dict([wrong])), SteadyClock()), 1)
+        except DeviceRefused as error:
+            checks.that(f"{wrong[0]} {wrong[1]} is refused with what there is", words in str(error), error)
+        else:
+            checks.that(f"{wrong[0]} {wrong[1]} is refused", holds=False)
+    first = V4l2Fisheye(SETTINGS, SteadyClock())
+    async with aclosing(first.pictures()) as stream:
+        await anext(stream)
+        try:
+            await take(V4l2Fisheye(SETTINGS, SteadyClock()), 1)
+        except DeviceRefused as error:
+            checks.that("a camera in use is refused with the cure", "another program" in str(error), error)
+        else:
+            checks.that("a camera in use is refused", holds=False)
+
+
+async def controls(checks: Checks, camera: UvcCamera) -> None:
+    wanted = {"brightness": 99, "auto_exposure": 1, "exposure_time_absolute": 50, "gain": 400, "focus": 1}
+    fisheye = V4l2Fisheye(msgspec.structs.replace(SETTINGS, controls=wanted), SteadyClock())
+    await take(fisheye, 1)
+    told = fisheye.layout.shortfalls if fisheye.layout else ()
+    checks.that("only what was not granted is said", len(told) == 2, told)
+    checks.that("with value and range", told[:1] == ("gain: asked for 400, allowed are 0 to 100, is 100",))
+    checks.that("or that it does not exist", "focus: no such control" in told[-1])
+
+
+async def losses(checks: Checks, camera: UvcCamera) -> None:
+    fisheye = V4l2Fisheye(SETTINGS, SteadyClock())
+    async with aclosing(fisheye.pictures()) as stream:
+        for _ in range(20):
+            await anext(stream)
+        camera.tell("drop 7")
+        lost = [(await anext(stream)).lost_before for _ in range(12)]
+    checks.that("pictures that the camera never sent are counted by the stamps", 6 <= sum(lost) <= 9, lost)
+
+
+async def slow_reader(checks: Checks, camera: UvcCamera) -> None:
+    clock = SteadyClock()
+    fisheye = V4l2Fisheye(SETTINGS, clock)
+    async with aclosing(fisheye.pictures()) as stream:
+        await anext(stream)
+        await asyncio.sleep(2)
+        late = await anext(stream)
+        checks.that("a reader that sleeps gets the newest", clock.now_ns() - late.frame.t_capture_ns < 1e9)
+        checks.that("and is told what it missed", late.lost_before >= 10, late.lost_before)
+        superseded = fisheye.tally.superseded
+        time.sleep(2)
+        late = await anext(stream)
+        after = await anext(stream)
+        missed = late.lost_before + after.lost_before
+        checks.that("pictures that the driver had no buffer for are counted too", missed >= 10, missed)
+        checks.that("they are not those replaced by newer ones", fisheye.tally.superseded - superseded <= 8)
+
+
+async def damage(checks: Checks, camera: UvcCamera) -> None:
+    fisheye = V4l2Fisheye(SETTINGS, SteadyClock())
+    sources = {path.read_bytes() for path in PICTURES.iterdir()}
+    async with aclosing(fisheye.pictures()) as stream:
+        await anext(stream)
+        camera.tell("truncate 3")
+        whole = [(await anext(stream)).jpeg in sources for _ in range(8)]
+        checks.that("cut-off pictures are counted", fisheye.tally.truncated == 3, fisheye.tally)
+        camera.tell("fault 2")
+        whole += [(await anext(stream)).jpeg in sources for _ in range(8)]
+        checks.that("pictures that the driver marks are counted", fisheye.tally.flagged == 2, fisheye.tally)
+        checks.that("none of them is delivered", all(whole))
+
+
+async def stall(checks: Checks, camera: UvcCamera) -> None:
+    fisheye = V4l2Fisheye(SETTINGS, SteadyClock())
+    stream = fisheye.pictures()
+    await anext(stream)
+    camera.tell("stall")
+    begin_s = time.monotonic()
+    try:
+        while True:
+            await anext(stream)
+    except DeviceLost as error:
+        took_s = time.monotonic() - begin_s
+        checks.that("a silent camera is lost after stall_s", 2.9 < took_s < 6, f"{took_s:.1f} s: {error}")
+    camera.tell("resume")
+    checks.that("and well again when it speaks", len(await take(fisheye, 2)) == 2)
+
+
+async def unplug(checks: Checks, camera: UvcCamera) -> None:
+    fisheye = V4l2Fisheye(SETTINGS, SteadyClock())
+    for turn in (1, 2):
+        stream = fisheye.pictures()
+        await anext(stream)
+        last = fisheye.tally.numbered - 1
+        begin_s = time.monotonic()
+        await asyncio.to_thread(camera.tell, "detach")
+        try:
+            while True:
+                await anext(stream)
+        except DeviceLost as error:
+            took_s = time.monotonic() - begin_s
+            checks.that(f"an unplugged camera is lost at once ({turn})", took_s < 2, f"{took_s:.2f} s: {error}")
+        await asyncio.to_thread(camera.tell, "attach")
+        picture = (await take(fisheye, 1))[0]
+        checks.that(f"plugged in again it goes on under its name ({turn})", picture.frame.seq > last, fisheye.tally)
+
+
+async def soak(checks: Checks, soak_s: float) -> None:
+    """Every picture that the driver delivered comes out, and memory stays as it is."""
+    fisheye = V4l2Fisheye(SETTINGS, SteadyClock())
+    count, skipped, last = 0, 0, None
+    settled_kib = 0
+    async with aclosing(fisheye.pictures()) as stream:
+        end_s = time.monotonic() + soak_s
+        while time.monotonic() < end_s:
+            picture = await anext(stream)
+            count += 1
+            if last is not None:
+                skipped += picture.frame.seq - last - 1
+            last = picture.frame.seq
+            if count == 50:
+                settled_kib = resident_kib()
+    grown_kib = resident_kib() - settled_kib
+    tally = fisheye.tally
+    checks.that(f"{count} pictures in {soak_s:g} s", count > soak_s * FPS * 0.5)
+    checks.that(
+        "none that the driver delivered was lost", tally.superseded + tally.flagged + tally.truncated == 0, tally
+    )
+    checks.that("memory did not grow", grown_kib < 2048, f"{grown_kib} KiB")
+    print(f"     gaps: {skipped} pictures that the camera or the driver did not deliver", flush=True)
+
+
+def resident_kib() -> int:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") // 1024
+
+
+async def raw(checks: Checks, form: str) -> None:
+    """The test picture of vivid, in formats that have to be encoded."""
+    shell("modprobe vivid n_devs=1 node_types=0x1")
+    device = shell("basename $(ls -d /sys/devices/platform/vivid.0/video4linux/video* | head -n 1)")
+    settings = V4l2Source(device=f"/dev/{device}", size_px=(320, 180), fps=10, format=form, stall_s=20.0)
+    try:
+        taken = await take(V4l2Fisheye(settings, SteadyClock()), 3)
+    except DeviceRefused as error:
+        checks.that(f"{form} is read and encoded", holds=False, seen=error)
+        return
+    shown = cv2.imdecode(np.frombuffer(taken[-1].jpeg, np.uint8), cv2.IMREAD_COLOR)
+    checks.that(f"{form} is read and encoded", shown.shape == (180, 320, 3) and shown.std() > 20, f"{shown.std():.0f}")

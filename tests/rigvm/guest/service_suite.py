@@ -1,0 +1,250 @@
+"""The installed service on a simulated rig: request, hang, stall, unplug, kill, confinement, removal."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import yaml
+from checks import Checks, UvcCamera, shell
+
+ETC = Path("/etc/ptzd")
+RIG = Path("/run/rig")
+PICTURES = Path("/run/fisheye")
+PASSWORD = "seen-by-nobody-else"
+BOX = (261, 197, 34, 28)
+DROP_IN = """[Service]
+# The guest computes some thirty times slower than a machine.
+TimeoutStartSec=900
+WatchdogSec=60
+"""
+
+
+def run(checks: Checks) -> None:
+    checks.that("enabled by its installation", shell("systemctl is-enabled ptzd") == "enabled")
+    checks.that("not started without settings", shell("systemctl is-active ptzd") == "inactive")
+    shell("modprobe uvcvideo nodrop=1; modprobe vhci-hcd")
+    with simulator() as facts:
+        settings = prepare(facts)
+        with UvcCamera(PICTURES, "640x480", 2).plugged_in() as camera:
+            checks.until("the fisheye has its stable name", Path("/dev/ptzd/fisheye").exists)
+            check_start(checks)
+            check_request(checks, facts)
+            check_confinement(checks)
+            check_loss(checks, camera, "stall", "resume")
+            check_loss(checks, camera, "detach", "attach")
+            check_falls(checks)
+            check_stop(checks)
+    check_upgrade_and_purge(checks, settings)
+
+
+@contextmanager
+def simulator() -> Iterator[dict[str, str]]:
+    """The simulated AXIS camera as a service of its own; yields its addresses."""
+    RIG.mkdir(exist_ok=True)
+    secret = RIG / "secret"
+    secret.touch(mode=0o600)
+    secret.write_text(PASSWORD + "\n")
+    shell(
+        "systemd-run --unit=rigsim --property=StandardOutput=file:/run/rig/facts "
+        f"/usr/bin/ptzd sim --scene room --write-config {RIG} --password-file {secret} --json"
+    )
+    facts = RIG / "facts"
+    end_s = time.monotonic() + 300
+    while not (facts.exists() and facts.read_text().strip()) and time.monotonic() < end_s:
+        time.sleep(0.5)
+    try:
+        yield json.loads(facts.read_text())
+    finally:
+        shell("systemctl stop rigsim")
+
+
+def prepare(facts: dict[str, str]) -> str:
+    """Settings for a fisheye behind the driver, the password as a credential, pictures for the camera to show."""
+    settings = yaml.safe_load((RIG / "ptzd.yaml").read_text())
+    settings["fisheye"] = {
+        "source": "v4l2",
+        "device": "/dev/ptzd/fisheye",
+        "size_px": [640, 480],
+        "fps": 2,
+        "stall_s": 15.0,
+    }
+    del settings["ptz"]["password_file"]
+    settings["ptz"] |= {"fps": 2, "poll_hz": 2, "move_timeout_s": 120.0, "stall_s": 60.0}
+    settings["queue"] = {"timeout_s": 1200.0}
+    settings["search"] = {"frame_max_age_s": 60.0}
+    settings["log"] = {"directory": "/var/log/ptzd", "min_free_bytes": 50_000_000}
+    (ETC / "credentials/axis-password").write_text(PASSWORD + "\n")
+    (ETC / "credentials/axis-password").chmod(0o600)
+    (ETC / "rig.yaml").write_text((RIG / "rig.yaml").read_text())
+    drop_in = Path("/etc/systemd/system/ptzd.service.d/slow.conf")
+    drop_in.parent.mkdir(parents=True, exist_ok=True)
+    drop_in.write_text(DROP_IN)
+    PICTURES.mkdir(exist_ok=True)
+    for number, jpeg in enumerate(first_pictures(facts["fisheye_url"], 4)):
+        (PICTURES / f"{number}.jpg").write_bytes(jpeg)
+    text = yaml.safe_dump(settings)
+    (ETC / "ptzd.yaml").write_text(text)
+    return text
+
+
+def first_pictures(url: str, count: int) -> list[bytes]:
+    """Pictures of an MJPEG stream, cut at their markers."""
+    pictures: list[bytes] = []
+    buffered = b""
+    with urllib.request.urlopen(url, timeout=120) as stream:
+        while len(pictures) < count:
+            buffered += stream.read1(65536)
+            begin = buffered.find(b"\xff\xd8")
+            end = buffered.find(b"\xff\xd9", begin)
+            if begin >= 0 and end >= 0:
+                pictures.append(buffered[begin : end + 2])
+                buffered = buffered[end + 2 :]
+    return pictures
+
+
+def property_of(name: str) -> str:
+    return shell(f"systemctl show ptzd --property={name} --value")
+
+
+def rig_state() -> str:
+    """What the daemon answers on the bus; empty when it does not."""
+    try:
+        return str(json.loads(shell("ptzd status --json")).get("state", ""))
+    except ValueError:
+        return ""
+
+
+def active() -> bool:
+    return shell("systemctl is-active ptzd") == "active"
+
+
+def well() -> bool:
+    return active() and rig_state() == "IDLE"
+
+
+def check_start(checks: Checks) -> None:
+    begin_s = time.monotonic()
+    said = shell("systemctl daemon-reload; systemctl start ptzd", limit_s=900)
+    checks.that("the service starts and says that it is ready", active(), f"{time.monotonic() - begin_s:.0f} s {said}")
+    checks.until("the rig is idle", well, 300)
+    checks.that("its state is in its status", "idle" in property_of("StatusText").lower(), property_of("StatusText"))
+    checks.that("it runs as its own user", shell(f"stat -c %U /proc/{property_of('MainPID')}") == "ptzd")
+
+
+def check_request(checks: Checks, facts: dict[str, str]) -> None:
+    begin_s = time.monotonic()
+    answer = shell(f"ptzd aim {','.join(map(str, BOX))} --id first --hold 1 --timeout 1100 --json", limit_s=1200)
+    result = last_document(answer)
+    seen = f"{result.get('reason', answer)} after {time.monotonic() - begin_s:.0f} s"
+    if checks.that("a box is locked", result.get("outcome") == "locked", seen):
+        off_deg = error_deg(facts["truth_url"], result)
+        checks.that("on what the fisheye sees there", off_deg <= 0.5, f"{off_deg:.3f} deg off the truth")
+
+
+def last_document(text: str) -> dict[str, object]:
+    lines = [line for line in text.splitlines() if line.startswith("{")]
+    return json.loads(lines[-1]) if lines else {}
+
+
+def error_deg(truth_url: str, result: dict[str, object]) -> float:
+    """Angle between where the head was pointed and the true direction of the box's centre."""
+    centre = f"x={BOX[0] + BOX[2] / 2}&y={BOX[1] + BOX[3] / 2}"
+    with urllib.request.urlopen(f"{truth_url}/truth/direction?{centre}", timeout=120) as reply:
+        truth = json.load(reply)
+    pan, tilt, true_pan, true_tilt = (
+        math.radians(float(angle))
+        for angle in (result["pan_deg"], result["tilt_deg"], truth["pan_deg"], truth["tilt_deg"])
+    )
+    cosine = math.sin(tilt) * math.sin(true_tilt) + math.cos(tilt) * math.cos(true_tilt) * math.cos(pan - true_pan)
+    return math.degrees(math.acos(min(1.0, cosine)))
+
+
+def check_confinement(checks: Checks) -> None:
+    """What the service can reach, tried by a program in its place."""
+    unit = Path("/lib/systemd/system/ptzd.service").read_text()
+    unit = unit.replace(
+        "/usr/bin/ptzd run --config /etc/ptzd/ptzd.yaml", "/usr/lib/ptzd/bin/python3 /usr/local/probe.py"
+    )
+    unit = unit.replace("Type=notify", "Type=oneshot").replace("Restart=always", "Restart=no")
+    unit = unit.replace("WatchdogSec=15\n", "").replace("TimeoutStartSec=60", "TimeoutStartSec=900")
+    Path("/etc/systemd/system/probe.service").write_text(unit)
+    Path("/usr/local/probe.py").write_text(Path(__file__).with_name("probe.py").read_text())
+    shell("chmod 666 /dev/ttyS0; systemctl daemon-reload")
+    said = shell("systemctl start probe.service", limit_s=900)
+    try:
+        found = json.loads(Path("/var/lib/ptzd/probe.json").read_text())
+    except (OSError, ValueError) as error:
+        checks.that("a probe runs in the service's place", holds=False, seen=f"{error} {said}")
+        return
+    for path in ("/etc/x", "/usr/x", "/root/x", "/mnt/share/x", "/etc/ptzd/x"):
+        checks.that(f"{path} cannot be written", found["write"][path] != "yes", found["write"][path])
+    for path in ("/var/lib/ptzd/x", "/var/log/ptzd/x", "/run/ptzd/x", "/tmp/x"):
+        checks.that(f"{path} can be written", found["write"][path] == "yes", found["write"][path])
+    for path in ("/dev/ttyS0", "/dev/vda", "/dev/mem", "/etc/shadow", "/etc/ptzd/credentials/axis-password"):
+        checks.that(f"{path} cannot be opened", found["read"][path] != "yes", found["read"][path])
+    checks.that("the fisheye can be opened", found["read"]["/dev/ptzd/fisheye"] == "yes", found["read"])
+    checks.that("the password is there for the service", found["password_length"] == len(PASSWORD) + 1)
+    checks.that("and in no environment", PASSWORD not in json.dumps(found["environment"]))
+    checks.that("it has no capabilities", int(found["capabilities"], 16) == 0, found["capabilities"])
+    checks.that("other processes are invisible", found["processes"] == 1, found["processes"])
+    denied = shell("setpriv --reuid=65534 --clear-groups cat /run/credentials/ptzd.service/axis-password")
+    checks.that("nobody else reads the password", "Permission denied" in denied, denied)
+    nowhere = shell(f"grep -rl {PASSWORD} /var/log /var/lib/ptzd; journalctl --no-pager | grep -c {PASSWORD}")
+    checks.that("it is in no log and no journal", nowhere == "0", nowhere)
+
+
+def check_loss(checks: Checks, camera: UvcCamera, bad: str, good: str) -> None:
+    """The fisheye goes and comes back: the service stays and says so."""
+    pid = property_of("MainPID")
+    camera.tell(bad)
+    checks.until(f"after {bad} the rig says FAULT", lambda: rig_state() == "FAULT", 120)
+    checks.that(f"after {bad} the service is up and answers", active() and property_of("MainPID") == pid)
+    refused = shell(f"ptzd aim {','.join(map(str, BOX))} --id during-{bad} --json", limit_s=300)
+    checks.that(f"after {bad} a request is told why", "fisheye" in refused or "device" in refused, refused[-200:])
+    camera.tell(good)
+    checks.until(
+        f"after {good} the rig is well without a restart", lambda: well() and property_of("MainPID") == pid, 180
+    )
+
+
+def check_falls(checks: Checks) -> None:
+    """A daemon that hangs or is killed comes back, and nothing of the log is lost."""
+    pid = property_of("MainPID")
+    shell(f"kill -STOP {pid}")
+    checks.until("a hung daemon is replaced by the watchdog", lambda: property_of("MainPID") not in (pid, "0"), 300)
+    checks.that("the journal says why", "Watchdog timeout" in shell("journalctl --unit=ptzd --no-pager"))
+    checks.until("and the rig is well again", well, 600)
+    pid = property_of("MainPID")
+    shell(f"kill -KILL {pid}")
+    checks.until("a killed daemon is restarted", lambda: property_of("MainPID") not in (pid, "0"), 300)
+    checks.until("and the rig is well once more", well, 600)
+    files = sorted(Path("/var/log/ptzd").glob("*.mcap"))
+    broken = [path.name for path in files if "finish" in shell(f"ptzd log info {path} 2>&1 >/dev/null", 300)]
+    checks.that("every closed log file is whole", files and not broken, f"{len(files)} files {broken}")
+    torn = list(Path("/var/log/ptzd").glob("*.active"))
+    checks.that("one file is being written, none is left torn", len(torn) == 1, [path.name for path in torn])
+
+
+def check_stop(checks: Checks) -> None:
+    begin_s = time.monotonic()
+    shell("systemctl stop ptzd")
+    took_s = time.monotonic() - begin_s
+    checks.that("it stops when told", property_of("Result") == "success" and took_s < 20, f"{took_s:.1f} s")
+    checks.that("the log is closed", not list(Path("/var/log/ptzd").glob("*.active")))
+
+
+def check_upgrade_and_purge(checks: Checks, settings: str) -> None:
+    shell("dpkg --install /mnt/share/ptzd_*.deb", limit_s=900)
+    kept = (ETC / "ptzd.yaml").read_text() == settings and (ETC / "credentials/axis-password").exists()
+    checks.that("an upgrade keeps settings and password", kept)
+    shell("systemctl stop ptzd", limit_s=300)
+    said = shell("dpkg --purge ptzd", limit_s=300)
+    left = [path for path in ("/etc/ptzd", "/var/lib/ptzd", "/var/log/ptzd", "/usr/lib/ptzd") if Path(path).exists()]
+    checks.that("purge leaves nothing behind", not left, f"{left} {said if left else ''}")
+    checks.that("not even the account", "ptzd" not in shell("getent passwd ptzd; getent group ptzd"))
