@@ -18,7 +18,7 @@ Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
 Share = Annotated[float, Meta(ge=0.05, le=0.95)]
 Probability = Annotated[float, Meta(ge=0, le=1)]
-Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9._-]{1,64}$")]
+Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9._-]{1,64}$(?!\n)")]
 Interval = tuple[float, float]
 
 
@@ -160,7 +160,7 @@ class Queue(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
 class BusSettings(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The Zenoh session."""
 
-    prefix: Annotated[str, Meta(pattern=r"^[A-Za-z0-9._-]+(/[A-Za-z0-9._-]+)*$")] = "ptzd"
+    prefix: Annotated[str, Meta(pattern=r"^[A-Za-z0-9._-]+(/[A-Za-z0-9._-]+)*$(?!\n)")] = "ptzd"
     mode: Literal["peer", "router", "client"] = "peer"
     listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
     connect: tuple[str, ...] = ()

@@ -25,6 +25,7 @@ from ptzd.devices.files import FilesFisheye
 from ptzd.devices.http_fisheye import HttpFisheye
 from ptzd.devices.v4l2 import V4l2Fisheye
 from ptzd.devices.vapix.head import VapixHead
+from ptzd.log.illustrate import Illustrator
 from ptzd.log.run import RunInfo
 from ptzd.log.writer import McapLog
 from ptzd.ports import Clock, FrameSource
@@ -78,7 +79,8 @@ async def _serve(loaded: Loaded, stop: asyncio.Event, ready: Callable[[], None])
     )
     async with AsyncExitStack() as stack:
         notifier = stack.enter_context(Notifier(os.environ))
-        log = await stack.enter_async_context(McapLog(config.log, run_info, clock))
+        illustrate = Illustrator(loaded.rig).documents
+        log = await stack.enter_async_context(McapLog(config.log, run_info, clock, illustrate=illustrate))
         bus = await stack.enter_async_context(
             ZenohBus(
                 config.bus,
@@ -163,6 +165,7 @@ def _log_handler(log: McapLog, daemon: Daemon) -> LogHandler:
     async def handle(action: Literal["list", "rotate"]) -> list[str]:
         if action == "rotate":
             daemon.pump.cut_log()
+            await log.settled()
         return [str(path) for path in log.closed_files()]
 
     return handle

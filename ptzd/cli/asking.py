@@ -20,7 +20,7 @@ def _print_json(document: object) -> None:
 def _with_client(arguments: argparse.Namespace, work: Callable[[Client], Awaitable[int]]) -> int:
     async def run() -> int:
         client = Client.open(
-            arguments.connect, rig=arguments.rig, prefix=arguments.prefix, config_file=arguments.zenoh_config
+            arguments.connect, rig=arguments.rig, prefix=arguments.prefix, config_file=arguments.bus_config
         )
         async with client:
             return await work(client)

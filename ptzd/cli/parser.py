@@ -93,7 +93,7 @@ def _add_bus_commands(commands: argparse._SubParsersAction[_Parser]) -> None:
     common.add_argument("--connect", default="tcp/127.0.0.1:7447", help="Zenoh endpoint of the daemon or a router")
     common.add_argument("--rig", help="name of the rig; not needed while only one is alive")
     common.add_argument("--prefix", default="ptzd")
-    common.add_argument("--zenoh-config", help="JSON5 file with certificates")
+    common.add_argument("--bus-config", help="JSON5 file with certificates")
     common.add_argument("--json", action="store_true")
     aim = commands.add_parser("aim", parents=[common], help="ask the rig to look at a box of the fisheye picture")
     aim.add_argument("box", type=box, metavar="X,Y,W,H")

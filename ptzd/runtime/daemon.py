@@ -73,7 +73,7 @@ class Daemon:
         self.head_watch = HeadWatch(
             head=head, tell=self.pump.tell, log=log, polled=self._publish_pose, shown=self._show_ptz
         )
-        self.pump.hands = Hands(
+        self._hands = self.pump.hands = Hands(
             tell=self.pump.tell,
             lost=self._head_lost,
             head=head,
@@ -92,7 +92,7 @@ class Daemon:
         ]
         stopping = asyncio.create_task(stop.wait(), name="stop")
         try:
-            done, _ = await asyncio.wait([stopping, *tasks], return_when=asyncio.FIRST_COMPLETED)
+            done, _ = await asyncio.wait([stopping, self._hands.defect, *tasks], return_when=asyncio.FIRST_COMPLETED)
             for task in done:
                 task.result()
         finally:
@@ -107,8 +107,7 @@ class Daemon:
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
-            if self.pump.hands is not None:
-                await self.pump.hands.close()
+            await self._hands.close()
             await self.overlays.close()
             self.pump.close()
 

@@ -41,6 +41,8 @@ class Hands:
         self._perception = perception
         self._frames = frames
         self._log = log
+        self.defect: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        """Raises what nobody expected: a daemon with a defect ends and says so, it does not wait for deadlines."""
         self._head_task: asyncio.Task[None] | None = None
         self._matches: set[asyncio.Task[None]] = set()
         self._stops: set[asyncio.Task[None]] = set()
@@ -69,17 +71,27 @@ class Hands:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+        self.defect.cancel()
 
     def _replace_head_task(self, work: Coroutine[None, None, None] | None) -> None:
         if self._head_task is not None:
             self._head_task.cancel()
-        self._head_task = None if work is None else asyncio.create_task(work)
+        self._head_task = None if work is None else self._started(work)
 
-    @staticmethod
-    def _keep(tasks: set[asyncio.Task[None]], work: Coroutine[None, None, None]) -> None:
-        task = asyncio.create_task(work)
+    def _keep(self, tasks: set[asyncio.Task[None]], work: Coroutine[None, None, None]) -> None:
+        task = self._started(work)
         tasks.add(task)
         task.add_done_callback(tasks.discard)
+
+    def _started(self, work: Coroutine[None, None, None]) -> asyncio.Task[None]:
+        task = asyncio.create_task(work)
+        task.add_done_callback(self._ended)
+        return task
+
+    def _ended(self, task: asyncio.Task[None]) -> None:
+        error = None if task.cancelled() else task.exception()
+        if error is not None and not self.defect.done():
+            self.defect.set_exception(error)
 
     async def _move(self, command: cmd.MoveHead) -> None:
         number = command.move_id
