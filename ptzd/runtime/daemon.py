@@ -89,12 +89,14 @@ class Daemon:
             asyncio.create_task(self.fisheye_watch.run(), name="fisheye"),
             asyncio.create_task(self.head_watch.run(), name="head"),
             asyncio.create_task(self._listen(), name="bus"),
+            asyncio.create_task(self.pump.keep_deadlines(), name="deadlines"),
         ]
         stopping = asyncio.create_task(stop.wait(), name="stop")
+        watched: list[asyncio.Future[Any]] = [stopping, self._hands.defect, *tasks]
         try:
-            done, _ = await asyncio.wait([stopping, self._hands.defect, *tasks], return_when=asyncio.FIRST_COMPLETED)
-            for task in done:
-                task.result()
+            done, _ = await asyncio.wait(watched, return_when=asyncio.FIRST_COMPLETED)
+            for ended in done:
+                ended.result()
         finally:
             await self._end([stopping, *tasks])
 
@@ -109,7 +111,6 @@ class Daemon:
             await asyncio.gather(*tasks, return_exceptions=True)
             await self._hands.close()
             await self.overlays.close()
-            self.pump.close()
 
     async def _listen(self) -> None:
         async for event in self._bus.events():

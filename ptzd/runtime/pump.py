@@ -56,7 +56,7 @@ class Pump:
         self._waiting: deque[Callable[[int], ev.Event]] = deque()
         self._draining = False
         self._sequence = 0
-        self._timer: asyncio.TimerHandle | None = None
+        self._told = asyncio.Event()
 
     def tell(self, make: Callable[[int], ev.Event]) -> None:
         """Tell the core something; ``make`` gets the stamp.
@@ -73,18 +73,12 @@ class Pump:
                 self._step(self._waiting.popleft()(self._clock.now_ns()))
         finally:
             self._draining = False
-        self._arm()
+        self._told.set()
 
     def cut_log(self) -> None:
         """Begin a new log file between two events: a snapshot of the core opens it."""
         self._sequence += 1
         self._log.rotate(self._sequence, self.machine.snapshot(self._clock.now_ns()))
-
-    def close(self) -> None:
-        """No deadline fires after this."""
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
 
     def _step(self, event: ev.Event) -> None:
         self._sequence += 1
@@ -113,17 +107,15 @@ class Pump:
             case _:
                 self._bus.perform(command)
 
-    def _arm(self) -> None:
-        self.close()
-        deadline = self.machine.deadline_ns()
-        if deadline is None:
-            return
-        loop = asyncio.get_running_loop()
-        wait_s = max(deadline - self._clock.now_ns(), 0) / 1e9
-        self._timer = loop.call_later(wait_s, self._on_timer, deadline)
-
-    def _on_timer(self, deadline: int) -> None:
-        if self._clock.now_ns() < deadline:
-            self._arm()
-        else:
-            self.tell(lambda t_ns: ev.DeadlinePassed(t_ns=t_ns))
+    async def keep_deadlines(self) -> None:
+        """Wake the core when it wants to be woken; runs until cancelled."""
+        while True:
+            self._told.clear()
+            deadline = self.machine.deadline_ns()
+            wait_s = None if deadline is None else max(deadline - self._clock.now_ns(), 0) / 1e9
+            try:
+                async with asyncio.timeout(wait_s):
+                    await self._told.wait()
+            except TimeoutError:
+                if deadline is not None and self._clock.now_ns() >= deadline:
+                    self.tell(lambda t_ns: ev.DeadlinePassed(t_ns=t_ns))
