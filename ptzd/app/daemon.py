@@ -61,13 +61,20 @@ async def run(loaded: Loaded, *, ready: Callable[[], None] = lambda: None) -> No
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.set)
     try:
-        await _serve(loaded, stop, ready)
+        await serve(loaded, stop, ready=ready)
     finally:
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.remove_signal_handler(number)
 
 
-async def _serve(loaded: Loaded, stop: asyncio.Event, ready: Callable[[], None]) -> None:
+async def serve(loaded: Loaded, stop: asyncio.Event, *, ready: Callable[[], None] = lambda: None) -> None:
+    """Serve until ``stop`` is set: open the world, run the daemon in it, close it in reverse order.
+
+    Raises
+    ------
+    BusError, ConfigError, LogError
+        When the bus, a camera's settings or the log cannot be opened.
+    """
     config, clock, parts = loaded.config, SteadyClock(), _Parts()
     run_info = RunInfo(
         rig=config.rig,
