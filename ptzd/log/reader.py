@@ -101,6 +101,7 @@ class LogReader:
         self._file = RecordFile(path)
         self._attachments: dict[str, bytes] = {}
         self._metadata: dict[str, dict[str, str]] = {}
+        self._schema: int | None = None
         self._pictures: dict[tuple[str, int, int], _Place] | None = None
         self._chunk: tuple[int, memoryview] = (-1, memoryview(b""))
 
@@ -189,17 +190,27 @@ class LogReader:
 
     def decisions(self) -> Iterator[LoggedEvent | LoggedCommand]:
         """Events and commands in write order; errors as for :meth:`entries`, and for bodies that cannot be decoded."""
-        version = self.run.schema
-        for topic, _, frame, data, start, end in self._messages((EVENT, COMMAND)):
-            try:
-                held = msgspec.json.decode(data[start:end], type=_Body)
-            except (msgspec.DecodeError, UnicodeDecodeError) as error:
-                raise self._file.damage(frame, f"{topic}: {error}") from None
-            if topic == EVENT:
-                yield LoggedEvent(sequence=held.sequence, event=decode_event(held.name, held.body, version))
-            else:
-                command = decode_command(held.name, held.body, version)
-                yield LoggedCommand(sequence=held.sequence, t_ns=held.t_ns, command=command)
+        for entry in self.entries((EVENT, COMMAND)):
+            yield self.decision(entry)
+
+    def decision(self, entry: Entry) -> LoggedEvent | LoggedCommand:
+        """Decode one entry of ``/event`` or ``/command``.
+
+        Raises
+        ------
+        LogError
+            Its body cannot be decoded; the message says why.
+        """
+        if self._schema is None:
+            self._schema = self.run.schema
+        try:
+            held = msgspec.json.decode(entry.data, type=_Body)
+            if entry.topic == EVENT:
+                return LoggedEvent(sequence=held.sequence, event=decode_event(held.name, held.body, self._schema))
+            command = decode_command(held.name, held.body, self._schema)
+        except (msgspec.DecodeError, UnicodeDecodeError, LogError) as error:
+            raise LogError(f"{self.path}: {entry.topic} of {entry.log_ns} ns: {error}") from None
+        return LoggedCommand(sequence=held.sequence, t_ns=held.t_ns, command=command)
 
     def picture(self, topic: str, frame: FrameRef) -> bytes:
         """Bytes of a picture as the camera sent it.
@@ -220,6 +231,10 @@ class LogReader:
         if place is None:
             raise LogError(f"{self.path}: {topic} has no picture {frame.seq} of {frame.t_capture_ns} ns")
         return decode_image(bytes(self._content(place.frame)[place.start : place.end])).data
+
+    def has_picture(self, topic: str, frame: FrameRef) -> bool:
+        """Whether :meth:`picture` finds it in this file."""
+        return (topic, frame.seq & U32, frame.t_capture_ns) in self._index()
 
     def _index(self) -> dict[tuple[str, int, int], _Place]:
         if self._pictures is None:
