@@ -28,9 +28,11 @@ LEAST_SIDE = 8
 """Grid steps."""
 CORRELATED = 2.5
 """Samples that carry one independent piece of evidence: the low-pass ties neighbours together."""
-EVIDENCE = 8.0
-"""Log-likelihood by which a window must prefer another range."""
-ITERATIONS = 3
+EVIDENCE_TO_ADJUST = 3.0
+"""Log-likelihood by which a window must prefer its own range and slopes near the whole region's."""
+EVIDENCE_TO_JUMP = 8.0
+"""Log-likelihood by which it must prefer a surface at quite another range: many were tried."""
+ITERATIONS = 2
 
 
 def central_window(patch: Patch, share: float) -> Patch | None:
@@ -81,19 +83,18 @@ def settle_on_centre(
         The candidates where the centre's surface is, and one sigma of their directions, rad.
     """
     place, sigma = outer.place, outer.sigma_rad
+    count = len(sigma)
     for share in WINDOWS:
         window = central_window(patch, share)
         if window is None:
             break
-        stay = refine(window, view, arc, place, bounds, ITERATIONS, hold=True)
-        start = _best_range(window, view, arc, place, ranges, bounds.noise)
-        jump = refine(window, view, arc, start, bounds, ITERATIONS, hold=True)
-        before = _evidence(window, view, arc, stay.place, bounds.noise)
-        after = _evidence(window, view, arc, jump.place, bounds.noise)
-        better = after > before + EVIDENCE
-        planes = np.where(better[:, None], jump.place.planes, stay.place.planes)
-        place = Place(planes=planes, offset=place.offset, roll=place.roll)
-        sigma = np.where(better, jump.sigma_rad, stay.sigma_rad)
+        start = place.join(_best_range(window, view, arc, place, ranges, bounds.noise))
+        tried = refine(window, view, arc, start, bounds, ITERATIONS, hold=True)
+        evidence = _evidence(window, view, arc, place.join(tried.place), bounds.noise).reshape(3, count)
+        evidence -= np.array([[0.0], [EVIDENCE_TO_ADJUST], [EVIDENCE_TO_JUMP]])
+        pick = np.argmax(evidence, axis=0) * count + np.arange(count)
+        sigma = np.concatenate([sigma, tried.sigma_rad])[pick]
+        place = place.join(tried.place).take(pick)
     return place, sigma
 
 
@@ -110,11 +111,11 @@ def _best_range(window: Patch, view: WorkingView, arc: EpipolarArc, place: Place
 
 
 def _evidence(window: Patch, view: WorkingView, arc: EpipolarArc, place: Place, noise: float) -> Floats:
-    """Log-likelihood of the window's grey values up to gain and offset, noise unknown; -inf where half is out of view."""
+    """Log-likelihood of the window's grey values up to gain and offset; -inf where half is out of view."""
     samples = view.sample(place.warps(arc), window.rays)
     weight = samples.inside * window.weight
     total = weight.sum(axis=1)
-    _, _, residual = photometric(weight, samples.grey, window.grey)
+    _, residual = photometric(weight, samples.grey, window.grey)
     variance = (weight * residual * residual).sum(axis=1) / np.maximum(total, 1e-9) + noise * noise
     independent = 1.0 / float((window.weight**2).sum()) / CORRELATED
     return np.where(total > 0.5, -0.5 * independent * np.log(variance), -np.inf)

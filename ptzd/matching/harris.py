@@ -88,9 +88,9 @@ def harris(inputs: MatchInputs) -> tuple[float, tuple[Candidate, ...], tuple[flo
         return 0.0, (), (0.0, 0.0)
     arc = EpipolarArc.of(rig, centre, *inputs.inverse_range)
     camera = rig.camera(inputs.reading)
-    finest = max(1, int(view_pixel_angle(camera) / pixel_angle(rig.fisheye, box.centre)))
-    rotation = rig.head_from_fisheye_rotation
-    patch = cut_patch(inputs.fisheye_grey, rig.fisheye, rotation, box, step_for(box, GRID_SIDE, finest))
+    pixel = pixel_angle(rig.fisheye, box.centre)
+    step = step_for(box, GRID_SIDE, max(1, int(view_pixel_angle(camera) / pixel)))
+    patch = cut_patch(inputs.fisheye_grey, rig.fisheye, rig.head_from_fisheye_rotation, box, step, pixel)
     texture = texture_ratio(patch.grey.reshape(patch.shape), noise_sigma(inputs.fisheye_grey) / patch.step_px)
     camera_from_head = rig.head_from_camera(inputs.reading).T
     view = prepare_view(inputs.view_grey, camera, camera_from_head, patch.angle_rad, oversampling=1.0)
@@ -101,7 +101,9 @@ def harris(inputs: MatchInputs) -> tuple[float, tuple[Candidate, ...], tuple[flo
     counts = pairing.soft_count(grid.place, arc)
     start = grid.place.take(peaks(grid, counts, arc, SEPARATION * patch.angle_rad, PEAKS))
     rng = np.random.default_rng(inputs.seed)
-    best = _join([_best_triple(pairing, arc, start, k, rng) for k in range(len(start.offset))])
+    best = _best_triple(pairing, arc, start, 0, rng)
+    for k in range(1, len(start.offset)):
+        best = best.join(_best_triple(pairing, arc, start, k, rng))
     for _ in range(OPTIMISATIONS):
         best = _optimised(pairing, arc, best)
     return texture, _candidates(inputs, pairing, arc, best, patch.angle_rad, len(grid.cell)), grid.coverage
@@ -202,14 +204,6 @@ def _optimised(pairing: Pairing, arc: EpipolarArc, place: Place) -> Place:
     moved = replace(place, planes=planes)
     better = pairing.soft_count(moved, arc) >= pairing.soft_count(place, arc)
     return replace(place, planes=np.where(better[:, None], planes, place.planes))
-
-
-def _join(places: list[Place]) -> Place:
-    return Place(
-        planes=np.vstack([place.planes for place in places]),
-        offset=np.concatenate([place.offset for place in places]),
-        roll=np.concatenate([place.roll for place in places]),
-    )
 
 
 def _candidates(

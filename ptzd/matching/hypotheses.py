@@ -7,33 +7,36 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ptzd.geometry.plane import homography
 from ptzd.geometry.sphere import cross, normalise
 
 if TYPE_CHECKING:
     from ptzd.geometry.arc import EpipolarArc
     from ptzd.geometry.types import Array
 
-_DENSE = 512
+_DENSE = 257
 
 
 def skew(vectors: Array) -> Array:
-    """Return the cross-product matrices (..., 3, 3) of vectors (..., 3)."""
-    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
-    zero = np.zeros_like(x)
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*vectors.shape[:-1], 3, 3)
+    """Return the cross-product matrices (k, 3, 3) of vectors (k, 3)."""
+    matrices = np.zeros((len(vectors), 3, 3))
+    matrices[:, 2, 1], matrices[:, 0, 2], matrices[:, 1, 0] = vectors.T
+    matrices -= matrices.transpose(0, 2, 1)
+    return matrices
 
 
 def axis_rotations(axes: Array, angles: Array) -> Array:
     """Return rotations (k, 3, 3) about unit axes (k, 3) by angles (k,), Rodrigues."""
     generator = skew(axes)
-    sine, cosine = np.sin(angles)[..., None, None], np.cos(angles)[..., None, None]
+    sine, cosine = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
     return np.asarray(np.eye(3) + sine * generator + (1.0 - cosine) * (generator @ generator))
 
 
 def turns(arc: EpipolarArc, inverse_range: Array, offset: Array, roll: Array) -> Array:
     """Return rotations (k, 3, 3): the roll about the arc's point, then the offset across the arc, rad."""
-    point = arc.bearing(inverse_range)
-    return np.asarray(axis_rotations(cross(point, arc.normal), offset) @ axis_rotations(point, roll))
+    point = normalise(arc.rotated + inverse_range[:, None] * arc.translation)
+    turn = axis_rotations(cross(point, arc.normal), offset)
+    return np.asarray(turn @ axis_rotations(point, roll)) if roll.any() else turn
 
 
 def warps(arc: EpipolarArc, planes: Array, offset: Array, roll: Array) -> Array:
@@ -50,12 +53,11 @@ def warps(arc: EpipolarArc, planes: Array, offset: Array, roll: Array) -> Array:
     roll : float64 (k,)
         About the line of sight, rad: likewise.
     """
-    homography = np.eye(3) + arc.translation[:, None] * planes[:, None, :]
-    return np.asarray(turns(arc, planes @ arc.rotated, offset, roll) @ homography)
+    return np.asarray(turns(arc, planes @ arc.rotated, offset, roll) @ homography(arc.translation, planes))
 
 
-def motions(arc: EpipolarArc, planes: Array, offset: Array, roll: Array) -> tuple[Array, Array, Array]:
-    """Return how the warped rays change.
+def motions(arc: EpipolarArc, planes: Array, offset: Array, roll: Array, warp: Array) -> tuple[Array, Array, Array]:
+    """Return how the warped rays change at a warp that these parameters gave.
 
     Returns
     -------
@@ -63,18 +65,18 @@ def motions(arc: EpipolarArc, planes: Array, offset: Array, roll: Array) -> tupl
         Change per inverse range of a ray; matrices that give the change per offset and per roll from the ray.
     """
     inverse_range = planes @ arc.rotated
-    turn = turns(arc, inverse_range, offset, roll)
-    homography = np.eye(3) + arc.translation[:, None] * planes[:, None, :]
-    point = arc.bearing(inverse_range)
-    across = skew(cross(point, arc.normal)) @ turn @ homography
-    return turn @ arc.translation, across, turn @ skew(point) @ homography
+    point = normalise(arc.rotated + inverse_range[:, None] * arc.translation)
+    turn = axis_rotations(cross(point, arc.normal), offset)
+    across = skew(cross(point, arc.normal)) @ warp
+    aimed = (turn @ point[..., None])[..., 0]
+    along = (turn @ (axis_rotations(point, roll) @ arc.translation)[..., None])[..., 0]
+    return along, across, skew(aimed) @ warp
 
 
 def bearings(arc: EpipolarArc, planes: Array, offset: Array) -> Array:
     """Return the head-frame directions (k, 3) of the box's centre."""
-    inverse_range = planes @ arc.rotated
-    turn = turns(arc, inverse_range, offset, np.zeros_like(offset))
-    return np.asarray((turn @ arc.bearing(inverse_range)[..., None])[..., 0])
+    point = normalise(arc.rotated + (planes @ arc.rotated)[:, None] * arc.translation)
+    return np.asarray(np.cos(offset)[:, None] * point + np.sin(offset)[:, None] * arc.normal)
 
 
 def speed(arc: EpipolarArc, inverse_range: Array) -> Array:

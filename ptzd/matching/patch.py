@@ -53,7 +53,7 @@ def step_for(box: Box, most_side: int, least_step: int) -> int:
     return max(least_step, math.ceil(max(box.w, box.h) / most_side - 1e-6))
 
 
-def cut_patch(grey: Grey, camera: CameraModel, rotation: Array, box: Box, step: int) -> Patch:
+def cut_patch(grey: Grey, camera: CameraModel, rotation: Array, box: Box, step: int, pixel_rad: float) -> Patch:
     """Sample a box of the fisheye.
 
     Parameters
@@ -68,6 +68,8 @@ def cut_patch(grey: Grey, camera: CameraModel, rotation: Array, box: Box, step: 
         The region, fisheye px; parts outside the picture or the image circle get weight 0.
     step : int
         Fisheye pixels per grid step; more than 1 averages over the pixels of a step.
+    pixel_rad : float
+        Angle of a fisheye pixel at the box's centre (`pixel_angle`).
 
     Returns
     -------
@@ -84,7 +86,7 @@ def cut_patch(grey: Grey, camera: CameraModel, rotation: Array, box: Box, step: 
     y = top + (np.arange(rows) + 0.5) * step - 0.5
     pixels = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     rays, valid = camera.lift(pixels)
-    valid = valid & inside.ravel()
+    valid = _without_rim(valid & inside.ravel(), rows, columns)
     sigma_x = CENTRE_WEIGHT * max(box.w, columns * step) / 2
     sigma_y = CENTRE_WEIGHT * max(box.h, rows * step) / 2
     exponent = ((pixels[:, 0] - cx) / sigma_x) ** 2 + ((pixels[:, 1] - cy) / sigma_y) ** 2
@@ -96,12 +98,20 @@ def cut_patch(grey: Grey, camera: CameraModel, rotation: Array, box: Box, step: 
         weight=(weight / total if total > 0 else weight).astype(np.float32),
         shape=(rows, columns),
         step_px=step,
-        angle_rad=pixel_angle(camera, box.centre) * step,
+        angle_rad=pixel_rad * step,
     )
 
 
 def _count(side: float, step: int) -> int:
     return max(round(max(side / step, min(LEAST_SIDE_PX, 2 * side / step))), 4)
+
+
+def _without_rim(valid: Mask, rows: int, columns: int) -> Mask:
+    """Drop samples next to unseen ones: the low-pass has mixed the two."""
+    if valid.all():
+        return valid
+    kept = cv2.erode(valid.reshape(rows, columns).astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1)
+    return np.asarray(kept.ravel() > 0)
 
 
 def _cells(grey: Grey, left: int, top: int, columns: int, rows: int, step: int) -> tuple[Floats, Mask]:

@@ -41,6 +41,14 @@ class Place:
         """Return some of the candidates."""
         return Place(planes=self.planes[index], offset=self.offset[index], roll=self.roll[index])
 
+    def join(self, other: Place) -> Place:
+        """Return these candidates and then the others."""
+        return Place(
+            planes=np.concatenate([self.planes, other.planes]),
+            offset=np.concatenate([self.offset, other.offset]),
+            roll=np.concatenate([self.roll, other.roll]),
+        )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Grid:
@@ -116,15 +124,11 @@ def separate(place: Place, scores: Floats, arc: EpipolarArc, distance_rad: float
 
 def box_in_view(inputs: MatchInputs, place: Place, arc: EpipolarArc) -> list[tuple[tuple[float, float], ...]]:
     """Return the box's corners through each candidate's homography, px of the view."""
-    fisheye = inputs.rig.fisheye
-    rays, valid = fisheye.lift(np.array(inputs.box.corners))
-    rays = np.where(valid[:, None], rays, fisheye.lift(np.array(inputs.box.centre))[0])
-    rotated = rays @ inputs.rig.head_from_fisheye_rotation.T
-    boxes = []
-    for matrix in place.warps(arc):
-        pixels, _ = inputs.rig.project_to_view(rotated @ matrix.T, inputs.reading)
-        boxes.append(tuple((float(x), float(y)) for x, y in pixels))
-    return boxes
+    rig = inputs.rig
+    rays, valid = rig.fisheye.lift(np.array([*inputs.box.corners, inputs.box.centre]))
+    rotated = np.where(valid[:4, None], rays[:4], rays[4]) @ rig.head_from_fisheye_rotation.T
+    pixels, _ = rig.project_to_view(np.einsum("kij,nj->kni", place.warps(arc), rotated), inputs.reading)
+    return [tuple((float(x), float(y)) for x, y in corners) for corners in pixels]
 
 
 def _centre_in_view(view: WorkingView, directions: Array) -> Mask:

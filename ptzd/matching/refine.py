@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
+from ptzd.geometry.sphere import cross
 from ptzd.matching.arrays import Floats
 from ptzd.matching.hypotheses import motions, speed
 from ptzd.matching.place import Place
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from ptzd.geometry.types import Array
     from ptzd.matching.patch import Patch
     from ptzd.matching.view import Samples, WorkingView
-
 
 ROBUST_SCALE = 2.5
 """Residuals beyond this many sigmas lose half their weight and more."""
@@ -35,7 +35,7 @@ class Bounds:
     inverse_range: tuple[float, float]
     band_rad: float
     noise: float
-    """One sigma of a sample, grey levels."""
+    """One sigma of a sample's residual from noise, grey levels."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,8 +45,6 @@ class Refined:
     place: Place
     sigma_rad: Array
     """(k,) one sigma of the centre's direction from the residuals."""
-    support: Floats
-    """(k, n) robust weight of each sample in [0, 1]."""
 
 
 def refine(
@@ -74,39 +72,54 @@ def refine(
     bounds : Bounds
         Interval, band and noise; they enter as priors.
     iterations : int
-        Gauss-Newton steps.
+        Gauss-Newton steps, at least one.
     hold : bool
         Leave offset and roll as they are.
     """
-    gradients = _gradients(view.image)
     basis = _basis(arc.rotated)
-    coefficients = patch.rays @ basis.astype(np.float32)
+    coefficients = np.ascontiguousarray((patch.rays @ basis.astype(np.float32)).T)
     place, precision = start, _prior_precision(start.planes @ arc.rotated, bounds)
+    free = 3 if hold else 5
     for _ in range(iterations):
-        samples = view.sample(place.warps(arc), patch.rays)
-        columns = _columns(view, arc, place, samples, gradients, coefficients, patch.rays)
-        normal, right, scale, support = _normal_equations(patch, samples, columns, bounds.noise)
-        step, covariance = _solve(normal, right, scale, place, basis, precision, 3 if hold else 5)
+        warp = place.warps(arc)
+        samples = view.sample(warp, patch.rays)
+        columns = _columns(view, arc, place, warp, samples, coefficients, patch.rays, free)
+        normal, right, scale = _normal_equations(patch, samples, columns, bounds.noise)
+        step, covariance = _solve(normal, right, scale, place, basis, precision[:, :free])
         place = _moved(place, step, basis, arc, bounds, patch.angle_rad)
-    slide = speed(arc, place.planes @ arc.rotated)
-    sigma = np.sqrt(slide**2 * covariance[:, 0, 0] + covariance[:, 3, 3])
-    return Refined(place=place, sigma_rad=sigma, support=support)
+    across = covariance[:, 3, 3] if free > 3 else 0.0
+    sigma = np.sqrt(speed(arc, place.planes @ arc.rotated) ** 2 * covariance[:, 0, 0] + across)
+    return Refined(place=place, sigma_rad=sigma)
 
 
-def _gradients(image: Floats) -> Floats:
-    return cv2.merge(
-        [
-            cv2.Sobel(image, cv2.CV_32F, 1, 0, ksize=3, scale=0.125),
-            cv2.Sobel(image, cv2.CV_32F, 0, 1, ksize=3, scale=0.125),
-        ]
-    )
+def photometric(weight: Floats, seen: Floats, wanted: Floats) -> tuple[Floats, Floats]:
+    """Fit gain and offset that bring the view to the patch.
+
+    Parameters
+    ----------
+    weight, seen : float32 (k, n)
+        Weights and the view's grey values.
+    wanted : float32 (n,)
+        The patch's grey values.
+
+    Returns
+    -------
+    (float32 (k,), float32 (k, n))
+        The gain, and what of the patch is left unexplained.
+    """
+    total = np.maximum(weight.sum(axis=1), 1e-9)
+    weighted = weight * seen
+    mean_seen = weighted.sum(axis=1) / total
+    mean_wanted = (weight @ wanted) / total
+    power = np.einsum("kn,kn->k", weighted, seen) / total - mean_seen * mean_seen
+    gain = ((weighted @ wanted) / total - mean_seen * mean_wanted) / np.maximum(power, 1e-3)
+    return gain, wanted - gain[:, None] * seen - (mean_wanted - gain * mean_seen)[:, None]
 
 
 def _basis(ray: Array) -> Array:
-    helper = np.eye(3)[int(np.argmin(np.abs(ray)))]
-    first = np.cross(ray, helper)
-    first /= np.linalg.norm(first)
-    return np.stack([ray, first, np.cross(ray, first)], axis=1)
+    first = cross(ray, np.eye(3)[int(np.argmin(np.abs(ray)))])
+    first = first / np.sqrt(first @ first)
+    return np.stack([ray, first, cross(ray, first)], axis=1)
 
 
 def _prior_precision(inverse_range: Array, bounds: Bounds) -> Array:
@@ -124,102 +137,93 @@ def _columns(
     view: WorkingView,
     arc: EpipolarArc,
     place: Place,
+    warp: Array,
     samples: Samples,
-    gradients: Floats,
     coefficients: Floats,
     rays: Floats,
+    free: int,
 ) -> Floats:
-    """Derivatives of the sampled grey values, (k, 5, n)."""
-    slopes = cv2.remap(gradients, samples.x, samples.y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    slope_x, slope_y = np.nan_to_num(slopes[..., 0]), np.nan_to_num(slopes[..., 1])
+    """Derivatives of the sampled grey values by the parameters, then those values and 1: (k, free + 2, n)."""
+    slope_x, slope_y = view.slopes(samples)
+    slope_x, slope_y = slope_x * samples.inverse_depth, slope_y * samples.inverse_depth
     axial = -(slope_x * samples.x + slope_y * samples.y)
-    # d grey = [gx, gy, -(gx x + gy y)] · dh / depth with dh the change of the homogeneous pixel
-    slope_x, slope_y, axial = (part * samples.inverse_depth for part in (slope_x, slope_y, axial))
-    along, across, roll = motions(arc, place.planes, place.offset, place.roll)
-    drift = (view.pixels_from_head @ along[..., None])[..., 0].astype(np.float32)
-    per_range = slope_x * drift[:, :1] + slope_y * drift[:, 1:2] + axial * drift[:, 2:]
-    turned = []
-    for matrices in (across, roll):
-        moved = ((view.pixels_from_head @ matrices).astype(np.float32).reshape(-1, 3) @ rays.T).reshape(
-            len(along), 3, -1
-        )
-        turned.append(slope_x * moved[:, 0] + slope_y * moved[:, 1] + axial * moved[:, 2])
-    return np.stack([*(per_range * coefficients[:, i] for i in range(3)), *turned], axis=1)
+    # d grey = [gx, gy, -(gx x + gy y)] · dh / depth, dh the change of the homogeneous pixel
+    along, across, roll = motions(arc, place.planes, place.offset, place.roll, warp)
+    drift = (along @ view.pixels_from_head.T).astype(np.float32)[:, :, None]
+    columns = np.empty((len(drift), free + 2, slope_x.shape[1]), np.float32)
+    per_range = slope_x * drift[:, 0] + slope_y * drift[:, 1] + axial * drift[:, 2]
+    for index in range(3):
+        np.multiply(per_range, coefficients[index], out=columns[:, index])
+    if free > 3:
+        for index, matrices in ((3, across), (4, roll)):
+            moved = (view.pixels_from_head @ matrices).astype(np.float32).reshape(-1, 3) @ rays.T
+            moved = moved.reshape(len(drift), 3, -1)
+            columns[:, index] = slope_x * moved[:, 0] + slope_y * moved[:, 1] + axial * moved[:, 2]
+    columns[:, free] = samples.grey
+    columns[:, free + 1] = 1.0
+    return columns
 
 
-def _normal_equations(
-    patch: Patch, samples: Samples, columns: Floats, noise: float
-) -> tuple[Array, Array, Array, Floats]:
-    """Normal equations (k, 5, 5), (k, 5) without gain and offset, their scale (k,), robust weights (k, n)."""
+def _normal_equations(patch: Patch, samples: Samples, columns: Floats, noise: float) -> tuple[Array, Array, Array]:
+    """Normal equations (k, p, p) and (k, p) without gain and offset, and what makes them information, (k,)."""
     base = samples.inside * patch.weight
-    _, _, residual = photometric(base, samples.grey, patch.grey)
-    support = _support(residual, base, patch.shape, noise)
-    weight = base * support
-    gain, _, residual = photometric(weight, samples.grey, patch.grey)
-    jacobian = columns * gain[:, None, None]
-    total = np.maximum(weight.sum(axis=1), 1e-9)
-    nuisance = np.stack([samples.grey, np.ones_like(samples.grey)], axis=1)
-    full = np.concatenate([jacobian, nuisance], axis=1)
-    weighted = full * weight[:, None, :]
-    hessian = (weighted @ full.transpose(0, 2, 1)).astype(np.float64)
+    _, residual = photometric(base, samples.grey, patch.grey)
+    weight = base * _support(residual, patch.shape, noise)
+    gain, residual = photometric(weight, samples.grey, patch.grey)
+    free = columns.shape[1] - 2
+    weighted = columns * weight[:, None, :]
+    hessian = (weighted @ columns.transpose(0, 2, 1)).astype(np.float64)
     gradient = (weighted @ residual[..., None])[..., 0].astype(np.float64)
-    inner = hessian[:, 5:, 5:] + np.eye(2) * 1e-9
-    mixed = np.linalg.solve(inner, hessian[:, 5:, :5])
-    normal = hessian[:, :5, :5] - hessian[:, :5, 5:] @ mixed
-    right = gradient[:, :5] - (mixed.transpose(0, 2, 1) @ gradient[:, 5:, None])[..., 0]
-    variance = (weight * residual * residual).sum(axis=1) / total + noise * noise
-    effective = total**2 / np.maximum((weight * weight).sum(axis=1), 1e-12)
-    return normal, right, effective / (variance * total), support
-
-
-def photometric(weight: Floats, seen: Floats, wanted: Floats) -> tuple[Floats, Floats, Floats]:
-    """Gain and offset (k,) that bring the view to the patch, and what is left (k, n)."""
+    inner = hessian[:, free:, free:] + np.eye(2) * 1e-9
+    mixed = np.linalg.solve(inner, hessian[:, free:, :free])
+    by_gain = gain.astype(np.float64)
+    normal = (hessian[:, :free, :free] - hessian[:, :free, free:] @ mixed) * (by_gain * by_gain)[:, None, None]
+    right = (gradient[:, :free] - np.einsum("kij,ki->kj", mixed, gradient[:, free:])) * by_gain[:, None]
     total = np.maximum(weight.sum(axis=1), 1e-9)
-    mean_seen = (weight * seen).sum(axis=1) / total
-    mean_wanted = (weight @ wanted) / total
-    centred = seen - mean_seen[:, None]
-    power = (weight * centred * centred).sum(axis=1) / total
-    gain = ((weight * centred) @ wanted) / total / np.maximum(power, 1e-6)
-    offset = mean_wanted - gain * mean_seen
-    return gain, offset, wanted - gain[:, None] * seen - offset[:, None]
+    variance = np.einsum("kn,kn->k", weight, residual * residual) / total + noise * noise
+    effective = total * total / np.maximum(np.einsum("kn,kn->k", weight, weight), 1e-12)
+    return normal, right, effective / (variance * total)
 
 
-def _support(residual: Floats, base: Floats, shape: tuple[int, int], noise: float) -> Floats:
+def _support(residual: Floats, shape: tuple[int, int], noise: float) -> Floats:
     """Robust weight of each sample: Geman-McClure on squares averaged over the neighbours, since occluders are wide."""
     square = residual * residual
-    smooth = np.stack([cv2.blur(item.reshape(shape), (3, 3)).ravel() for item in square])
-    visible = base > 0
-    middle = np.array([np.median(row[mask]) if mask.any() else 0.0 for row, mask in zip(smooth, visible, strict=True)])
-    scale = ROBUST_SCALE**2 * np.maximum(middle, noise * noise)[:, None]
-    return np.asarray(1.0 / (1.0 + smooth / scale) ** 2, dtype=np.float32)
+    stacked = square.reshape(-1, shape[1])
+    smooth: Floats = cv2.blur(stacked, (3, 1)).reshape(-1, *shape)
+    smooth[:, 1:-1] = (smooth[:, :-2] + smooth[:, 1:-1] + smooth[:, 2:]) / 3.0
+    flat = smooth.reshape(len(square), -1)
+    half = flat.shape[1] // 2
+    scale = ROBUST_SCALE**2 * np.maximum(np.partition(flat, half, axis=1)[:, half], noise * noise)
+    lost = 1.0 + flat / scale[:, None]
+    return np.asarray(1.0 / (lost * lost))
 
 
 def _solve(
-    normal: Array, right: Array, scale: Array, place: Place, basis: Array, precision: Array, free: int
+    normal: Array, right: Array, scale: Array, place: Place, basis: Array, precision: Array
 ) -> tuple[Array, Array]:
-    """Step (k, 5), zero but for the first ``free`` parameters, and covariance (k, 5, 5)."""
-    information = normal * scale[:, None, None]
+    """Step (k, 5), zero for what is held, and covariance (k, p, p)."""
+    free = normal.shape[1]
     state = np.concatenate([place.planes @ basis, place.offset[:, None], place.roll[:, None]], axis=1)
-    centre = np.zeros_like(state)
-    centre[:, 0] = state[:, 0]
-    posterior = information + precision[:, :, None] * np.eye(5)
-    diagonal = np.diagonal(posterior, axis1=1, axis2=2)[:, :, None] * np.eye(5)
-    wanted = right * scale[:, None] + precision * (centre - state)
-    damped = (posterior + DAMPING * diagonal)[:, :free, :free]
+    pull = -precision * state[:, :free]
+    pull[:, 0] = 0.0
+    posterior = normal * scale[:, None, None]
+    diagonal = np.arange(free)
+    posterior[:, diagonal, diagonal] += precision
+    damped = posterior.copy()
+    damped[:, diagonal, diagonal] *= 1.0 + DAMPING
     step = np.zeros_like(state)
-    step[:, :free] = np.linalg.solve(damped, wanted[:, :free, None])[..., 0]
-    return step, np.asarray(np.linalg.inv(posterior), dtype=np.float64)
+    step[:, :free] = np.linalg.solve(damped, (right * scale[:, None] + pull)[..., None])[..., 0]
+    return step, np.asarray(np.linalg.inv(posterior))
 
 
 def _moved(place: Place, step: Array, basis: Array, arc: EpipolarArc, bounds: Bounds, step_rad: float) -> Place:
-    travel = np.abs(step[:, 0]) * speed(arc, place.planes @ arc.rotated) + np.abs(step[:, 3])
-    share = np.minimum(1.0, LARGEST_MOVE_STEPS * step_rad / np.maximum(travel, 1e-12))[:, None]
-    step = step * share
+    rate = speed(arc, place.planes @ arc.rotated)
+    travel = np.abs(step[:, 0]) * rate + np.abs(step[:, 3])
+    step = step * np.minimum(1.0, LARGEST_MOVE_STEPS * step_rad / np.maximum(travel, 1e-12))[:, None]
     local = place.planes @ basis + step[:, :3]
-    slack = step_rad / np.maximum(speed(arc, local[:, 0]), 1e-3)
+    slack = step_rad / np.maximum(rate, 1e-3)
     low, high = bounds.inverse_range
-    local[:, 0] = np.clip(local[:, 0], low - slack, high + slack)
+    local[:, 0] = np.minimum(np.maximum(local[:, 0], low - slack), high + slack)
     band = bounds.band_rad + step_rad
-    return Place(
-        planes=local @ basis.T, offset=np.clip(place.offset + step[:, 3], -band, band), roll=place.roll + step[:, 4]
-    )
+    offset = np.minimum(np.maximum(place.offset + step[:, 3], -band), band)
+    return Place(planes=local @ basis.T, offset=offset, roll=place.roll + step[:, 4])

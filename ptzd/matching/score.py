@@ -13,10 +13,14 @@ if TYPE_CHECKING:
     from ptzd.matching.patch import Patch
     from ptzd.matching.view import Samples
 
-
-BLOCKS_PER_SIDE = 3
+BLOCK_STEPS = 8
+"""Side of a block in grid steps, about; a patch has 2 x 2 to 4 x 4 of them."""
 REVERSED_PENALTY = 0.9
 """A region that matches only with its contrast reversed (infrared) has to be that much better."""
+LEAST_SIGNAL = 0.3
+"""Share of a variance that is kept as signal however large the noise is said to be."""
+FLAT = 0.1
+"""Variance, grey levels², below which a block carries nothing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,12 +32,12 @@ class Template:
     """(n, b) membership of a sample in a block, times its weight."""
     moments: Floats
     """(n, 3 b): blocks, blocks x grey, blocks x grey²."""
-    orientation: Floats
-    """(2, n) unit vector of the doubled angle of the gradient."""
-    orientation_weight: Floats
-    """(n,) weight of each sample in the orientation channel, sums to 1."""
-    variance_floor: float
-    """Grey levels²: variance that noise alone leaves after the low-pass."""
+    direction: Floats
+    """(2, rows - 2, columns - 2) unit vector of the doubled angle of the patch's gradient."""
+    edge_weight: Floats
+    """(rows - 2, columns - 2) weight of each sample in the channel of directions."""
+    noise: tuple[float, float]
+    """Variance of a sample from noise, grey levels²: of the patch and of the view."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,35 +48,31 @@ class Scores:
     in_view: Floats
 
 
-def make_template(patch: Patch, noise: float) -> Template:
+def make_template(patch: Patch, noise: tuple[float, float]) -> Template:
     """Prepare a patch for scoring.
 
     Parameters
     ----------
     patch : Patch
-        With grey values less a constant near their mean for precision.
-    noise : float
-        One sigma of a sample's noise, grey levels.
+        The region.
+    noise : (float, float)
+        One sigma of a sample's noise in the patch and in the view, grey levels.
     """
     rows, columns = patch.shape
-    of_row = np.minimum(np.arange(rows) * BLOCKS_PER_SIDE // rows, BLOCKS_PER_SIDE - 1)
-    of_column = np.minimum(np.arange(columns) * BLOCKS_PER_SIDE // columns, BLOCKS_PER_SIDE - 1)
-    block = (of_row[:, None] * BLOCKS_PER_SIDE + of_column[None, :]).ravel()
-    blocks = np.zeros((block.size, BLOCKS_PER_SIDE**2), np.float32)
-    blocks[np.arange(block.size), block] = patch.weight
+    blocks = _blocks(rows, columns) * patch.weight[:, None]
     grey = patch.grey[:, None]
-    floor = noise * noise
-    vectors, strength = _orientation(patch.grey[None], patch.shape, floor)
-    weight = patch.weight * strength[0]
-    directions = vectors[:, 0] / np.maximum(strength, 1e-6)
-    total = float(weight.sum())
+    across, down = _gradients(patch.grey.reshape(1, rows, columns))
+    power = (across * across + down * down)[0]
+    floor = 8.0 * noise[0] ** 2
+    doubled = np.concatenate([across * across - down * down, 2.0 * across * down])
+    weight = patch.weight.reshape(rows, columns)[1:-1, 1:-1]
     return Template(
         patch=patch,
         blocks=blocks,
         moments=np.concatenate([blocks, blocks * grey, blocks * grey * grey], axis=1),
-        orientation=directions,
-        orientation_weight=(weight / total if total > 0 else weight).astype(np.float32),
-        variance_floor=floor,
+        direction=doubled / np.maximum(power, 1e-6),
+        edge_weight=weight * power / (power + floor),
+        noise=(noise[0] ** 2, noise[1] ** 2),
     )
 
 
@@ -82,64 +82,64 @@ def score(template: Template, samples: Samples) -> Scores:
     Returns
     -------
     Scores
-        The mean of three similarities: zero-mean normalised correlation over the whole patch, over blocks (each with
-        its own gain and offset, so that an occluder or a shade spoils only its own), and of gradient directions with
-        the sign dropped. Correlations of reversed contrast count with a penalty.
+        The mean of two similarities. The first: correlation block by block, each block with its own gain and offset,
+        so that an occluder or a shade spoils only its own; noise is taken out of the variances, so that the same
+        surface scores alike in good and bad light. The second: agreement of gradient directions with the sign
+        dropped. Correlations of reversed contrast count with a penalty.
     """
-    inside = samples.inside.astype(np.float32)
-    whole, blockwise, in_view = _correlations(template, samples.grey, inside)
-    alike = _orientation_score(template, samples.grey, inside)
-    upright = whole + np.maximum(blockwise, 0.0).sum(axis=1)
-    turned = -whole + np.maximum(-blockwise, 0.0).sum(axis=1)
-    total = (np.maximum(upright, REVERSED_PENALTY * turned) + alike) / 3.0
-    return Scores(total=total, in_view=in_view)
+    inside = None if samples.inside.all() else samples.inside.astype(np.float32)
+    upright, turned, in_view = _block_correlation(template, samples.grey, inside)
+    alike = _direction_agreement(template, samples.grey, inside)
+    return Scores(total=(np.maximum(upright, REVERSED_PENALTY * turned) + alike) / 2.0, in_view=in_view)
 
 
-def _correlations(template: Template, grey: Floats, inside: Floats) -> tuple[Floats, Floats, Floats]:
-    count = template.blocks.shape[1]
-    reference = inside @ template.moments
-    weight, first, second = reference[:, :count], reference[:, count : 2 * count], reference[:, 2 * count :]
-    masked = grey * inside
-    seen = masked @ template.blocks
-    squared = (masked * grey) @ template.blocks
-    product = masked @ template.moments[:, count : 2 * count]
-    floor = template.variance_floor
-    total = weight.sum(axis=1)
-    whole = _ncc(total, first.sum(1), second.sum(1), seen.sum(1), squared.sum(1), product.sum(1), floor)
-    local = _ncc(weight, first, second, seen, squared, product, floor)
-    safe = np.maximum(weight, 1e-6)
-    spread = np.maximum(second / safe - (first / safe) ** 2, 0.0)
-    trust = weight * spread / (spread + 4.0 * floor)
-    return whole, local * trust / np.maximum(trust.sum(axis=1, keepdims=True), 1e-6), total
+def _blocks(rows: int, columns: int) -> Floats:
+    along, across = (min(max(round(side / BLOCK_STEPS), 2), 4) for side in (rows, columns))
+    of_row = np.arange(rows) * along // rows
+    of_column = np.arange(columns) * across // columns
+    block = (of_row[:, None] * across + of_column[None, :]).ravel()
+    return np.asarray(np.equal(block[:, None], np.arange(along * across)), dtype=np.float32)
 
 
-def _ncc(
-    weight: Floats, first: Floats, second: Floats, seen: Floats, squared: Floats, product: Floats, floor: float
-) -> Floats:
-    safe = np.maximum(weight, 1e-6)
-    mean_f, mean_i = first / safe, seen / safe
-    variance_f = np.maximum(second / safe - mean_f * mean_f, 0.0) + floor
-    variance_i = np.maximum(squared / safe - mean_i * mean_i, 0.0) + floor
-    return (product / safe - mean_f * mean_i) / np.sqrt(variance_f * variance_i)
+def _block_correlation(template: Template, grey: Floats, inside: Floats | None) -> tuple[Floats, Floats, Floats]:
+    """Weighted means over blocks of the positive and of the negative correlation, and the share in view, (k,)."""
+    blocks, moments = template.blocks, template.moments
+    count = blocks.shape[1]
+    masked = grey if inside is None else grey * inside
+    reference = moments.sum(axis=0)[None] if inside is None else inside @ moments
+    weight = np.maximum(reference[:, :count], 1e-9)
+    mean_f = reference[:, count : 2 * count] / weight
+    variance_f = np.maximum(reference[:, 2 * count :] / weight - mean_f * mean_f, 0.0)
+    product = masked @ moments[:, : 2 * count]
+    mean_i = product[:, :count] / weight
+    variance_i = np.maximum((masked * grey) @ blocks / weight - mean_i * mean_i, 0.0)
+    covariance = product[:, count:] / weight - mean_f * mean_i
+    noise_f, noise_i = template.noise
+    signal_f = np.maximum(variance_f - noise_f, LEAST_SIGNAL * variance_f) + FLAT
+    signal_i = np.maximum(variance_i - noise_i, LEAST_SIGNAL * variance_i) + FLAT
+    correlation = np.clip(covariance / np.sqrt(signal_f * signal_i), -1.0, 1.0)
+    trust = reference[:, :count] * variance_f / (variance_f + 4.0 * noise_f)
+    total = np.maximum(trust.sum(axis=1), 1e-9)
+    upright = (trust * np.maximum(correlation, 0.0)).sum(axis=1) / total
+    turned = (trust * np.maximum(-correlation, 0.0)).sum(axis=1) / total
+    return upright, turned, np.broadcast_to(reference[:, :count].sum(axis=1), (len(grey),))
 
 
-def _orientation_score(template: Template, grey: Floats, inside: Floats) -> Floats:
-    vectors, _ = _orientation(grey, template.patch.shape, template.variance_floor)
-    weighted = inside * template.orientation_weight
-    agreement = vectors[0] * template.orientation[0] + vectors[1] * template.orientation[1]
-    return np.asarray((agreement * weighted).sum(axis=1) / np.maximum(weighted.sum(axis=1), 1e-6))
-
-
-def _orientation(grey: Floats, shape: tuple[int, int], floor: float) -> tuple[Floats, Floats]:
-    """Doubled gradient angles (2, k, n) shortened where the gradient drowns in noise, and that shortening (k, n)."""
-    grid = grey.reshape(-1, *shape)
-    gx, gy = np.zeros_like(grid), np.zeros_like(grid)
-    gx[:, :, 1:-1] = grid[:, :, 2:] - grid[:, :, :-2]
-    gy[:, 1:-1, :] = grid[:, 2:, :] - grid[:, :-2, :]
-    gx[:, 0] = gx[:, -1] = 0.0
-    gy[:, :, 0] = gy[:, :, -1] = 0.0
-    square_x, square_y = gx * gx, gy * gy
+def _direction_agreement(template: Template, grey: Floats, inside: Floats | None) -> Floats:
+    """Mean of cos 2(difference of gradient angles) over samples where both have a gradient, (k,)."""
+    rows, columns = template.patch.shape
+    across, down = _gradients(grey.reshape(-1, rows, columns))
+    square_x, square_y = across * across, down * down
     power = square_x + square_y
-    scale = 1.0 / (power + 8.0 * floor)
-    vectors = np.stack([(square_x - square_y) * scale, 2.0 * gx * gy * scale])
-    return vectors.reshape(2, len(grid), -1), (power * scale).reshape(len(grid), -1)
+    weight = template.edge_weight / (power + 8.0 * template.noise[1])
+    if inside is not None:
+        weight = weight * inside.reshape(-1, rows, columns)[:, 1:-1, 1:-1]
+    cosine, sine = template.direction
+    agreement = (square_x - square_y) * cosine + (2.0 * across * down) * sine
+    total = np.einsum("kij,kij->k", weight, power)
+    return np.asarray(np.einsum("kij,kij->k", weight, agreement) / np.maximum(total, 1e-9))
+
+
+def _gradients(grid: Floats) -> tuple[Floats, Floats]:
+    """Central differences of (k, rows, columns) in the interior, over two steps."""
+    return grid[:, 1:-1, 2:] - grid[:, 1:-1, :-2], grid[:, 2:, 1:-1] - grid[:, :-2, 1:-1]

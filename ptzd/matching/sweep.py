@@ -15,12 +15,14 @@ from ptzd.matching.hypotheses import sample_inverse_ranges, speed
 from ptzd.matching.noise import noise_sigma, texture_ratio
 from ptzd.matching.patch import SMOOTHING, Patch, cut_patch, pixel_angle, step_for
 from ptzd.matching.place import Place, box_in_view, make_grid, peaks, separate
-from ptzd.matching.refine import Bounds, refine
+from ptzd.matching.refine import Bounds, Refined, refine
 from ptzd.matching.score import Scores, Template, make_template, score
-from ptzd.matching.view import WorkingView, prepare_view, view_pixel_angle
+from ptzd.matching.view import WorkingView, prepare_view
 from ptzd.model import Candidate
 
 if TYPE_CHECKING:
+    from ptzd.geometry.perspective import PerspectiveCamera
+    from ptzd.geometry.types import Array
     from ptzd.matching.inputs import MatchInputs
 
 COARSE_SIDE = 16
@@ -33,10 +35,16 @@ CANDIDATES = 6
 """Separate peaks that are refined finely and reported."""
 LEAST_IN_VIEW = 0.35
 """Of the best share any hypothesis has in the view."""
+LEAST_NOISE = 0.3
+"""Grey levels: rounding and compression leave that much however many pixels are averaged."""
 SEPARATION = 2.0
 """Grid steps between separate peaks."""
-COARSE_ITERATIONS = 4
-FINE_ITERATIONS = 5
+COARSE_ITERATIONS = 3
+FINE_ITERATIONS = 4
+WORTH_REFINING = 0.6
+"""Share of the best rough score below which a peak is reported as it is."""
+WORTH_SETTLING = 0.75
+"""Share of the best score below which the centre's own surface is not asked for."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,6 +61,32 @@ class Level:
         return score(self.template, self.view.sample(place.warps(arc), self.patch.rays))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scene:
+    """What stays the same at all levels of one search."""
+
+    inputs: MatchInputs
+    arc: EpipolarArc
+    camera: PerspectiveCamera
+    camera_from_head: Array
+    pixel_rad: float
+    """Angle of a fisheye pixel at the box's centre."""
+    noise: tuple[float, float]
+    """One sigma of a pixel, grey levels, of the fisheye and of the PTZ."""
+
+    def level(self, step: int, area_px: tuple[float, float, float, float] | None = None) -> Level:
+        """Prepare both pictures for a grid of ``step`` fisheye pixels, the view in an area only."""
+        inputs, rig = self.inputs, self.inputs.rig
+        rotation = rig.head_from_fisheye_rotation
+        patch = cut_patch(inputs.fisheye_grey, rig.fisheye, rotation, inputs.box, step, self.pixel_rad)
+        view = prepare_view(inputs.view_grey, self.camera, self.camera_from_head, patch.angle_rad, area_px=area_px)
+        # what the averaging over a step and the low-pass leave of a pixel's noise
+        own = max(self.noise[0] / step, LEAST_NOISE) / np.sqrt(4.0 * np.pi) / SMOOTHING
+        other = max(self.noise[1] * view.noise_gain, LEAST_NOISE / 2)
+        bounds = Bounds(inverse_range=inputs.inverse_range, band_rad=inputs.band_rad, noise=float(np.hypot(own, other)))
+        return Level(patch=patch, view=view, template=make_template(patch, (own, other)), bounds=bounds)
+
+
 def sweep(inputs: MatchInputs) -> tuple[float, tuple[Candidate, ...], tuple[float, float]]:
     """Search the arc and its band.
 
@@ -65,14 +99,20 @@ def sweep(inputs: MatchInputs) -> tuple[float, tuple[Candidate, ...], tuple[floa
     centre, valid = rig.fisheye.lift(np.array(box.centre))
     if not valid:
         return 0.0, (), (0.0, 0.0)
-    arc = EpipolarArc.of(rig, centre, *inputs.inverse_range)
-    noise = noise_sigma(inputs.fisheye_grey)
-    finest = max(1, int(view_pixel_angle(rig.camera(inputs.reading)) / pixel_angle(rig.fisheye, box.centre)))
-    coarse = _level(inputs, step_for(box, COARSE_SIDE, finest), noise)
-    patch = coarse.patch
+    scene = Scene(
+        inputs=inputs,
+        arc=EpipolarArc.of(rig, centre, *inputs.inverse_range),
+        camera=rig.camera(inputs.reading),
+        camera_from_head=rig.head_from_camera(inputs.reading).T,
+        pixel_rad=pixel_angle(rig.fisheye, box.centre),
+        noise=(noise_sigma(inputs.fisheye_grey), noise_sigma(inputs.view_grey)),
+    )
+    finest = max(1, int(1.0 / scene.camera.fx / scene.pixel_rad))
+    coarse = scene.level(step_for(box, COARSE_SIDE, finest))
+    patch, arc = coarse.patch, scene.arc
     if patch.weight.sum() == 0.0:
         return 0.0, (), (0.0, 0.0)
-    texture = texture_ratio(patch.grey.reshape(patch.shape), noise / patch.step_px)
+    texture = texture_ratio(patch.grey.reshape(patch.shape), scene.noise[0] / patch.step_px)
     grid = make_grid(inputs, arc, patch, coarse.view, STEP_SHARE * patch.angle_rad)
     if len(grid.cell) == 0:
         return texture, (), grid.coverage
@@ -81,59 +121,79 @@ def sweep(inputs: MatchInputs) -> tuple[float, tuple[Candidate, ...], tuple[floa
     start = grid.place.take(peaks(grid, usable, arc, SEPARATION * patch.angle_rad, PEAKS))
     rough = refine(patch, coarse.view, arc, start, coarse.bounds, COARSE_ITERATIONS).place
     step = step_for(box, FINE_SIDE, finest)
-    fine = coarse if step == patch.step_px else _level(inputs, step, noise)
-    scores = fine.score(rough, arc).total
-    rough = rough.take(separate(rough, scores, arc, SEPARATION * fine.patch.angle_rad, CANDIDATES))
-    return texture, _finish(fine, arc, rough, inputs), grid.coverage
+    fine = coarse if step == patch.step_px else scene.level(step, _area(scene, patch, rough))
+    return texture, _finish(scene, fine, rough), grid.coverage
 
 
-def _level(inputs: MatchInputs, step: int, noise: float) -> Level:
-    rig = inputs.rig
-    patch = cut_patch(inputs.fisheye_grey, rig.fisheye, rig.head_from_fisheye_rotation, inputs.box, step)
-    camera_from_head = rig.head_from_camera(inputs.reading).T
-    view = prepare_view(inputs.view_grey, rig.camera(inputs.reading), camera_from_head, patch.angle_rad)
-    # what the averaging over a step and the low-pass leave of a pixel's noise
-    sample_noise = max(noise / step, 0.3) / np.sqrt(4.0 * np.pi) / SMOOTHING
-    bounds = Bounds(inverse_range=inputs.inverse_range, band_rad=inputs.band_rad, noise=sample_noise)
-    return Level(patch=patch, view=view, template=make_template(patch, sample_noise), bounds=bounds)
+def _area(scene: Scene, patch: Patch, place: Place) -> tuple[float, float, float, float]:
+    """Part of the view, px, that the region covers at any of the places."""
+    rows, columns = patch.shape
+    corners = patch.rays.reshape(rows, columns, 3)[[0, 0, -1, -1], [0, -1, 0, -1]].astype(np.float64)
+    directions = np.einsum("kij,nj->kni", place.warps(scene.arc), corners)
+    pixels, valid = scene.camera.project(directions @ scene.camera_from_head.T)
+    if not valid.all():
+        return 0.0, 0.0, float(scene.camera.size_px[0]), float(scene.camera.size_px[1])
+    slack = 2.0 * patch.angle_rad * scene.camera.fx
+    (left, top), (right, bottom) = pixels.min(axis=(0, 1)) - slack, pixels.max(axis=(0, 1)) + slack
+    return float(left), float(top), float(right), float(bottom)
 
 
-def _finish(level: Level, arc: EpipolarArc, start: Place, inputs: MatchInputs) -> tuple[Candidate, ...]:
-    patch = level.patch
-    refined = refine(patch, level.view, arc, start, level.bounds, FINE_ITERATIONS)
+def _finish(scene: Scene, level: Level, rough: Place) -> tuple[Candidate, ...]:
+    """Refine what deserves it and write down the candidates."""
+    arc, patch = scene.arc, level.patch
+    apart = SEPARATION * patch.angle_rad
+    scores = level.score(rough, arc).total
+    order = separate(rough, scores, arc, apart, CANDIDATES)
+    rough, scores = rough.take(order), scores[order]
+    worth = int((scores >= WORTH_REFINING * scores[0]).sum()) or 1
+    refined = refine(patch, level.view, arc, rough.take(np.arange(worth)), level.bounds, FINE_ITERATIONS)
+    whole = refined.place.join(rough.take(np.arange(worth, len(order))))
+    sigma = np.concatenate([refined.sigma_rad, np.full(len(order) - worth, patch.angle_rad)])
+    found = level.score(whole, arc)
+    settled = np.flatnonzero(found.total >= WORTH_SETTLING * found.total.max())
     ranges = sample_inverse_ranges(
-        arc.rotated[None], arc.translation, inputs.inverse_range, STEP_SHARE * patch.angle_rad
+        arc.rotated[None], arc.translation, scene.inputs.inverse_range, STEP_SHARE * patch.angle_rad
     )
-    place, sigma = settle_on_centre(patch, level.view, arc, refined, level.bounds, ranges)
-    scores = level.score(refined.place, arc)
-    sharpness = _sharpness(level, arc, refined.place, scores.total)
-    pan, tilt = pan_tilt(place.bearings(arc))
-    boxes = box_in_view(inputs, place, arc)
+    outer = Refined(place=whole.take(settled), sigma_rad=sigma[settled])
+    inner, sigma[settled] = settle_on_centre(patch, level.view, arc, outer, level.bounds, ranges)
+    place = Place(planes=whole.planes.copy(), offset=whole.offset, roll=whole.roll)
+    place.planes[settled] = inner.planes
+    sharpness = _sharpness(level, arc, whole, found.total)
+    chosen = separate(place, found.total, arc, apart, CANDIDATES)
+    return _candidates(
+        scene, place.take(chosen), found.total[chosen], sharpness[chosen], sigma[chosen], found.in_view[chosen]
+    )
+
+
+def _candidates(
+    scene: Scene, place: Place, scores: Floats, sharpness: Floats, sigma: Floats, in_view: Floats
+) -> tuple[Candidate, ...]:
+    pan, tilt = pan_tilt(place.bearings(scene.arc))
+    boxes = box_in_view(scene.inputs, place, scene.arc)
+    inverse_range = np.maximum(place.planes @ scene.arc.rotated, 0.0)
     return tuple(
         Candidate(
             pan_rad=float(pan[k]),
             tilt_rad=float(tilt[k]),
-            inverse_range=max(float(place.planes[k] @ arc.rotated), 0.0),
+            inverse_range=float(inverse_range[k]),
             offset_rad=float(place.offset[k]),
-            score=float(np.clip(scores.total[k], -1.0, 1.0)),
+            score=float(np.clip(scores[k], -1.0, 1.0)),
             sharpness=float(sharpness[k]),
             sigma_rad=float(sigma[k]),
             plane=(float(place.planes[k, 0]), float(place.planes[k, 1]), float(place.planes[k, 2])),
             box_px=boxes[k],
-            in_view=float(min(scores.in_view[k], 1.0)),
+            in_view=float(min(in_view[k], 1.0)),
         )
-        for k in separate(place, scores.total, arc, SEPARATION * level.patch.angle_rad, CANDIDATES)
+        for k in range(len(scores))
     )
 
 
 def _sharpness(level: Level, arc: EpipolarArc, place: Place, peak: Floats) -> Floats:
     """Curvature of the score along the arc, from one grid step to either side, per (fisheye pixel)²."""
     shift = level.patch.angle_rad / np.maximum(speed(arc, place.planes @ arc.rotated), 1e-3)
-    sides = [
-        level.score(
-            Place(planes=place.planes + (sign * shift)[:, None] * arc.rotated, offset=place.offset, roll=place.roll),
-            arc,
-        ).total
-        for sign in (-1.0, 1.0)
-    ]
-    return np.asarray((2.0 * peak - sides[0] - sides[1]) / level.patch.step_px**2)
+    move = shift[:, None] * arc.rotated
+    nearer = Place(planes=place.planes + move, offset=place.offset, roll=place.roll)
+    farther = Place(planes=place.planes - move, offset=place.offset, roll=place.roll)
+    sides = level.score(nearer.join(farther), arc).total
+    count = len(peak)
+    return np.asarray((2.0 * peak - sides[:count] - sides[count:]) / level.patch.step_px**2)

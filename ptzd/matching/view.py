@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import cv2
@@ -18,6 +18,19 @@ if TYPE_CHECKING:
 
 OVERSAMPLING = 2.0
 """Pixels of the working picture per grid step of the patch, at least, where the PTZ has them."""
+MARGIN_SIGMAS = 3.0
+"""Rim around an area of interest that the low-pass needs."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Samples:
+    """Grey values of k hypotheses at n rays, all arrays (k, n)."""
+
+    grey: Floats
+    inside: Mask
+    x: Floats
+    y: Floats
+    inverse_depth: Floats
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,6 +43,11 @@ class WorkingView:
     """(3, 3): homogeneous working px of a head-frame direction, ``K R``."""
     pixels_per_step: float
     """Working pixels per grid step of the patch, in the middle of the picture."""
+    noise_gain: float
+    """Sigma of a working pixel over sigma of a pixel of the PTZ's sensor."""
+    gaps: bool
+    """Whether there is a NaN."""
+    _slopes: list[Floats] = field(default_factory=list)
 
     def sample(self, warps: Array, rays: Floats) -> Samples:
         """Look up rays under many warps.
@@ -44,28 +62,36 @@ class WorkingView:
         matrices = (self.pixels_from_head @ warps).astype(np.float32)
         homogeneous = (matrices.reshape(-1, 3) @ rays.T).reshape(len(warps), 3, len(rays))
         depth = homogeneous[:, 2]
-        in_front = depth > 1e-6
-        inverse = 1.0 / np.where(in_front, depth, 1.0)
+        inverse = np.reciprocal(np.where(depth > 1e-6, depth, np.float32(np.nan)))
         x, y = homogeneous[:, 0] * inverse, homogeneous[:, 1] * inverse
         height, width = self.image.shape
-        inside = in_front & (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
+        inside = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
+        if not inside.all():
+            x, y, inverse = (np.where(inside, part, np.float32(0.0)) for part in (x, y, inverse))
         grey = cv2.remap(self.image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        unknown = np.isnan(grey)
-        if unknown.any():
+        if self.gaps:
+            unknown = np.isnan(grey)
             inside &= ~unknown
             grey[unknown] = 0.0
         return Samples(grey=grey, inside=inside, x=x, y=y, inverse_depth=inverse)
 
+    def slopes(self, samples: Samples) -> tuple[Floats, Floats]:
+        """Derivatives of the picture along x and y at samples, grey levels per working px."""
+        if not self._slopes:
+            known = np.nan_to_num(self.image)
+            self._slopes.extend(
+                cv2.sepFilter2D(known, cv2.CV_32F, kernel_x, kernel_y)
+                for kernel_x, kernel_y in ((_SLOPE, _MEAN), (_MEAN, _SLOPE))
+            )
+        slope_x, slope_y = (
+            cv2.remap(slope, samples.x, samples.y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            for slope in self._slopes
+        )
+        return slope_x, slope_y
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Samples:
-    """Grey values of k hypotheses at n rays, all arrays (k, n)."""
 
-    grey: Floats
-    inside: Mask
-    x: Floats
-    y: Floats
-    inverse_depth: Floats
+_SLOPE = np.array([-0.5, 0.0, 0.5], np.float32)
+_MEAN = np.array([0.25, 0.5, 0.25], np.float32)
 
 
 def view_pixel_angle(camera: PerspectiveCamera) -> float:
@@ -79,6 +105,7 @@ def prepare_view(
     camera_from_head: Array,
     step_rad: float,
     oversampling: float = OVERSAMPLING,
+    area_px: tuple[float, float, float, float] | None = None,
 ) -> WorkingView:
     """Low-pass and shrink a PTZ picture so that it shows what a grid step of the fisheye shows.
 
@@ -94,42 +121,66 @@ def prepare_view(
         Angle of a grid step of the patch.
     oversampling : float
         Least number of working pixels per grid step, as far as the PTZ has them.
+    area_px : (left, top, right, bottom), optional
+        Only this part of the picture is wanted, px.
     """
-    factor = max(int(step_rad / (oversampling * view_pixel_angle(camera))), 1)
-    height, width = grey.shape[0] // factor, grey.shape[1] // factor
-    image: Floats = grey
-    if factor > 1:
-        image = cv2.resize(grey[: height * factor, : width * factor], (width, height), interpolation=cv2.INTER_AREA)
-    focal_x, focal_y = camera.fx / factor, camera.fy / factor
-    centre = ((camera.cx + 0.5) / factor - 0.5, (camera.cy + 0.5) / factor - 0.5)
-    ratio = step_rad / (view_pixel_angle(camera) * factor)
+    own_angle = 1.0 / math.sqrt(camera.fx * camera.fy)
+    factor = max(int(step_rad / (oversampling * own_angle)), 1)
+    ratio = step_rad / (own_angle * factor)
     sigma = math.sqrt(max((ratio * ratio - 1.0) / 12.0, 0.0) + (SMOOTHING * ratio) ** 2)
+    left, top, right, bottom = _cells(area_px, grey.shape, factor, sigma)
+    image: Floats = grey[top * factor : bottom * factor, left * factor : right * factor]
+    if factor > 1:
+        image = cv2.resize(image, (right - left, bottom - top), interpolation=cv2.INTER_AREA)
     low = cv2.GaussianBlur(image.astype(np.float32), (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
+    focal = (camera.fx / factor, camera.fy / factor)
+    centre = ((camera.cx + 0.5) / factor - 0.5 - left, (camera.cy + 0.5) / factor - 0.5 - top)
     if any(camera.distortion):
-        low, centre = _straighten(low, camera, factor, (focal_x, focal_y))
-    intrinsics = np.array([[focal_x, 0.0, centre[0]], [0.0, focal_y, centre[1]], [0.0, 0.0, 1.0]])
-    return WorkingView(image=low, pixels_from_head=intrinsics @ camera_from_head, pixels_per_step=ratio)
+        low, centre = _straighten(low, camera, factor, (left, top))
+    intrinsics = np.array([[focal[0], 0.0, centre[0]], [0.0, focal[1], centre[1]], [0.0, 0.0, 1.0]])
+    return WorkingView(
+        image=low,
+        pixels_from_head=intrinsics @ camera_from_head,
+        pixels_per_step=ratio,
+        gaps=any(camera.distortion),
+        noise_gain=1.0 / (factor * sigma * math.sqrt(4.0 * math.pi)),
+    )
+
+
+def _cells(
+    area: tuple[float, float, float, float] | None, shape: tuple[int, ...], factor: int, sigma: float
+) -> tuple[int, int, int, int]:
+    """Left, top, right, bottom of the area with its rim, in cells of ``factor`` px, inside the picture."""
+    height, width = shape[0] // factor, shape[1] // factor
+    if area is None:
+        return 0, 0, width, height
+    rim = MARGIN_SIGMAS * sigma + 2.0
+    left, top = (min(max(int(v / factor - rim), 0), most - 8) for v, most in ((area[0], width), (area[1], height)))
+    right = min(max(math.ceil(area[2] / factor + rim), left + 8), width)
+    bottom = min(max(math.ceil(area[3] / factor + rim), top + 8), height)
+    return left, top, right, bottom
 
 
 def _straighten(
-    image: Floats, camera: PerspectiveCamera, factor: int, focal: tuple[float, float]
+    image: Floats, camera: PerspectiveCamera, factor: int, corner: tuple[int, int]
 ) -> tuple[Floats, tuple[float, float]]:
-    """Resample to the pinhole whose picture just holds every pixel of the distorted one."""
-    width, height = camera.size_px
+    """Resample cells to the pinhole picture that just holds every one of them; also return its principal point."""
+    height, width = image.shape
+    focal = np.array([camera.fx, camera.fy]) / factor
     along_x, along_y = np.linspace(0, width - 1, 17), np.linspace(0, height - 1, 17)
     rim = np.concatenate(
         [np.stack([along_x, np.full(17, edge)], axis=1) for edge in (0, height - 1)]
         + [np.stack([np.full(17, edge), along_y], axis=1) for edge in (0, width - 1)]
     )
-    rays, valid = camera.lift(rim)
-    ideal = rays[valid, :2] / rays[valid, 2:] * np.array(focal)
+    rays, valid = camera.lift((rim + corner + 0.5) * factor - 0.5)
+    ideal = rays[valid, :2] / rays[valid, 2:] * focal
     low, high = np.floor(ideal.min(axis=0)), np.ceil(ideal.max(axis=0))
-    size = np.minimum(high - low + 1, 2 * np.array(image.shape[::-1])).astype(int)
-    grid = np.stack(np.meshgrid(np.arange(size[0]) + low[0], np.arange(size[1]) + low[1]), axis=-1) / np.array(focal)
+    size = np.minimum(high - low + 1, 2 * np.array([width, height])).astype(int)
+    grid = np.stack(np.meshgrid(np.arange(size[0]) + low[0], np.arange(size[1]) + low[1]), axis=-1) / focal
     pixels, known = camera.project(np.concatenate([grid, np.ones((*grid.shape[:2], 1))], axis=-1))
-    pixels = (pixels + 0.5) / factor - 0.5
-    known &= (pixels >= -0.25).all(axis=-1) & (pixels <= np.array(image.shape[::-1]) - 0.75).all(axis=-1)
-    maps = pixels.astype(np.float32)
+    cells = (pixels + 0.5) / factor - 0.5 - corner
+    known &= (cells >= -0.25).all(axis=-1) & (cells <= np.array([width, height]) - 0.75).all(axis=-1)
+    maps = cells.astype(np.float32)
     straight = cv2.remap(image, maps[..., 0], maps[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     straight[~known] = np.nan
     return straight, (-float(low[0]), -float(low[1]))
