@@ -21,7 +21,8 @@ from ptzd.model import Box, HeadReading, MatchResult
 Pixels = NDArray[np.uint8]
 
 TILE_PX = (400, 300)
-HEADER_PX = 34
+HEADER_PX = 36
+FOOTER_PX = 26
 MAX_VIEWS = 3
 MARGIN_PX = 6
 GREEN_BGR = (80, 220, 80)
@@ -52,9 +53,12 @@ def write_sheet(log: Path, out: Path) -> int:
     with LogReader(log) as reader:
         rig = read_rig(reader.run.calibration_text, f"{log}: rig.yaml")
         stories = _stories(reader)
-        rows = [_row(name, story, rig, reader) for name, story in stories.items() if story.matches]
+        told = {name: story for name, story in stories.items() if story.matches}
+        rows = [(_caption(name, story), _tiles(story, rig, reader)) for name, story in told.items()]
     if rows:
-        out.write_bytes(cv2.imencode(".png", np.vstack(rows))[1].tobytes())
+        columns = max(len(tiles) for _, tiles in rows)
+        sheet = np.vstack([_row(caption, tiles, columns) for caption, tiles in rows])
+        out.write_bytes(cv2.imencode(out.suffix, sheet)[1].tobytes())
     return len(rows)
 
 
@@ -81,34 +85,47 @@ def _stories(reader: LogReader) -> dict[str, _Story]:
     return stories
 
 
-def _row(name: str, story: _Story, rig: Rig, reader: LogReader) -> Pixels:
-    first = story.matches[0][0]
+def _tiles(story: _Story, rig: Rig, reader: LogReader) -> list[Pixels]:
+    """Fisheye, enlarged box, the views of the scan, the last look."""
+    first, last = story.matches[0][0], story.matches[-1]
     fisheye = _decoded(reader.picture("/fisheye/image", first.frame))
     tiles = [_fisheye_tile(fisheye, first, rig), _crop_tile(fisheye, first.box)]
-    shown = [*story.matches[:MAX_VIEWS], story.matches[-1]]
-    for job, result in shown:
+    scan = [match for match in story.matches if match[0].inverse_range == first.inverse_range]
+    looks = [("scan", match) for match in scan[:MAX_VIEWS]]
+    if last not in scan:
+        looks.append(("last look", last))
+    for what, (job, result) in looks:
         view = _decoded(reader.picture("/ptz/image", job.view.frame))
-        tiles.append(_view_tile(view, job, result, rig))
-    while len(tiles) < 3 + MAX_VIEWS:
-        tiles.insert(-1, _blank())
-    strip = np.hstack([_framed(tile) for tile in tiles])
+        tiles.append(_view_tile(view, job, result, rig, what))
+    return tiles
+
+
+def _row(caption: str, tiles: list[Pixels], columns: int) -> Pixels:
+    """One request: a line of text above its tiles, filled up to the widest row."""
+    filler = [_with_footer(_blank(), "")] * (columns - len(tiles))
+    strip = np.hstack([_framed(tile) for tile in [*tiles, *filler]])
     header = np.full((HEADER_PX, strip.shape[1], 3), GREY_BGR, np.uint8)
-    cv2.putText(header, _caption(name, story), (10, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.62, WHITE_BGR, 1, cv2.LINE_AA)
+    _write(header, caption, (10, 25), 0.62)
     return np.vstack([header, strip]).astype(np.uint8)
+
+
+def _write(picture: Pixels, text: str, where: tuple[int, int], scale: float) -> None:
+    cv2.putText(picture, text, where, cv2.FONT_HERSHEY_SIMPLEX, scale, WHITE_BGR, 1, cv2.LINE_AA)
 
 
 def _caption(name: str, story: _Story) -> str:
     result = story.result
     if result is None:
         return f"{name}: not ended in this file"
-    parts = [f"{name} {result.label}".strip(), result.outcome, f"{result.elapsed_ms / 1000:.1f} s"]
+    label = "" if result.label in {"", name} else f" ({result.label})"
+    parts = [f"{name}{label}: {result.outcome}"]
     if result.pan_deg is not None and result.tilt_deg is not None:
         parts.append(f"pan {result.pan_deg:.2f} tilt {result.tilt_deg:.2f} deg")
     if result.range_m is not None:
         parts.append(f"range {result.range_m:.2f} m")
     if result.probability is not None:
-        parts.append(f"p {result.probability:.3f}")
-    return " | ".join(parts)
+        parts.append(f"probability {result.probability:.3f}")
+    return ",  ".join(parts)
 
 
 def _fisheye_tile(fisheye: Pixels, job: cmd.RunMatch, rig: Rig) -> Pixels:
@@ -122,7 +139,7 @@ def _fisheye_tile(fisheye: Pixels, job: cmd.RunMatch, rig: Rig) -> Pixels:
     points = (axis * ranges - rig.head_from_fisheye_translation) @ rig.head_from_fisheye_rotation
     pixels, valid = rig.fisheye.project(points / np.linalg.norm(points, axis=1, keepdims=True))
     _polyline(picture, pixels[valid], ORANGE_BGR)
-    return _resized(picture)
+    return _with_footer(_resized(picture), "fisheye: box (green), epipolar curve of the first view's axis (orange)")
 
 
 def _crop_tile(fisheye: Pixels, box: Box) -> Pixels:
@@ -136,10 +153,11 @@ def _crop_tile(fisheye: Pixels, box: Box) -> Pixels:
     large = cv2.resize(crop, None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
     corners = (np.array(box.corners) - (left, top) + 0.5) * scale
     cv2.polylines(large, [np.round(corners).astype(np.int32).reshape(-1, 1, 2)], True, GREEN_BGR, 2)
-    return _resized(np.asarray(large, np.uint8))
+    return _with_footer(_resized(np.asarray(large, np.uint8)), f"the box, {box.w:g} x {box.h:g} px, enlarged")
 
 
-def _view_tile(view: Pixels, job: cmd.RunMatch, result: MatchResult | None, rig: Rig) -> Pixels:
+def _view_tile(view: Pixels, job: cmd.RunMatch, result: MatchResult | None, rig: Rig, what: str) -> Pixels:
+    """A PTZ picture with the arc, the best candidate's box, and a cross at the optical axis."""
     picture, reading = view.copy(), job.view.reading
     arc = EpipolarArc.of(rig, rig.fisheye.lift(np.array(job.box.centre))[0], *job.inverse_range)
     pixels, valid = rig.project_to_view(arc.bearing(arc.steps(STEP_RAD)), reading)
@@ -149,12 +167,10 @@ def _view_tile(view: Pixels, job: cmd.RunMatch, result: MatchResult | None, rig:
         best = result.candidates[0]
         outline = np.round(np.array(best.box_px)).astype(np.int32).reshape(-1, 1, 2)
         cv2.polylines(picture, [outline], isClosed=True, color=GREEN_BGR, thickness=2)
-        score = f"score {best.score:.2f}"
-    text = f"pan {reading.pan_deg:.1f} tilt {reading.tilt_deg:.1f} zoom {reading.zoom:.0f} {score}"
-    cv2.putText(picture, text, (9, 27), cv2.FONT_HERSHEY_SIMPLEX, 0.75, (0, 0, 0), 4, cv2.LINE_AA)
-    cv2.putText(picture, text, (9, 27), cv2.FONT_HERSHEY_SIMPLEX, 0.75, WHITE_BGR, 1, cv2.LINE_AA)
+        score = f", score {best.score:.2f}"
+    text = f"{what}: pan {reading.pan_deg:.1f}, tilt {reading.tilt_deg:.1f}, zoom {reading.zoom:.0f}{score}"
     cv2.drawMarker(picture, _centre(rig, reading), WHITE_BGR, cv2.MARKER_CROSS, 18, 1)
-    return _resized(picture)
+    return _with_footer(_resized(picture), text)
 
 
 def _centre(rig: Rig, reading: HeadReading) -> tuple[int, int]:
@@ -165,7 +181,7 @@ def _centre(rig: Rig, reading: HeadReading) -> tuple[int, int]:
 def _polyline(picture: Pixels, pixels: NDArray[np.float64], colour: tuple[int, int, int]) -> None:
     if len(pixels) > 1:
         bounded = np.clip(pixels, -1e4, 1e4)
-        cv2.polylines(picture, [np.round(bounded).astype(np.int32).reshape(-1, 1, 2)], False, colour, 1, cv2.LINE_AA)
+        cv2.polylines(picture, [np.round(bounded).astype(np.int32).reshape(-1, 1, 2)], False, colour, 2, cv2.LINE_AA)
 
 
 def _decoded(jpeg: bytes) -> Pixels:
@@ -184,6 +200,12 @@ def _resized(picture: Pixels) -> Pixels:
 
 def _blank() -> Pixels:
     return np.full((TILE_PX[1], TILE_PX[0], 3), 30, np.uint8)
+
+
+def _with_footer(tile: Pixels, text: str) -> Pixels:
+    footer = np.full((FOOTER_PX, tile.shape[1], 3), GREY_BGR, np.uint8)
+    _write(footer, text, (4, 18), 0.42)
+    return np.vstack([tile, footer]).astype(np.uint8)
 
 
 def _framed(tile: Pixels) -> Pixels:
