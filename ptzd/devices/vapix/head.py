@@ -21,6 +21,7 @@ from ptzd.devices.vapix.mover import Mover
 from ptzd.devices.vapix.poller import Poller
 from ptzd.devices.vapix.poses import PoseRing, Stillness
 from ptzd.devices.vapix.stream import ViewStream
+from ptzd.devices.vapix.witness import MotionWitness
 from ptzd.errors import ConfigError, DeviceError, DeviceGarbled, DeviceLost, DeviceRefused
 from ptzd.model import HeadLimits, HeadReading, Motion, ViewRef
 from ptzd.ports import Clock, HeadPoll, Picture
@@ -85,7 +86,9 @@ class VapixHead:
         self._client = CameraClient(address, clock)
         self._poses = PoseRing(stillness, self._settle_ns)
         self._poller = Poller(settings, self._client, self._poses)
-        self._stream = ViewStream(settings, self._client, clock, jitter or random.SystemRandom().random)
+        jitter = jitter or random.SystemRandom().random
+        self._stream = ViewStream(settings, self._client, clock, jitter)
+        self._witness = MotionWitness(self._client, self._poses, clock, settings.camera, jitter)
         self._mover = Mover(settings, self._client, self._poller, self._poses, clock, stillness)
         self._tasks: list[asyncio.Task[None]] = []
 
@@ -139,6 +142,7 @@ class VapixHead:
         polls, pictures = self._poller.feed, self._stream.feed
         self._start(self._poller.run(), polls)
         self._start(self._stream.run(), pictures)
+        self._start(self._witness.run(), None)
         await polls.after(polls.count)
         await pictures.after(pictures.count)
         return capabilities.limits
@@ -151,8 +155,9 @@ class VapixHead:
         if before is not None and before.boot_id != capabilities.boot_id:
             LOGGER.warning("%s: the camera restarted; check that its zero is where it was", self._client.origin)
 
-    def _start(self, work: Coroutine[None, None, None], feed: Feed[HeadPoll] | Feed[Picture]) -> None:
-        feed.open()
+    def _start(self, work: Coroutine[None, None, None], feed: Feed[HeadPoll] | Feed[Picture] | None) -> None:
+        if feed is not None:
+            feed.open()
         task = asyncio.create_task(work)
         task.add_done_callback(lambda done: _ended(done, feed))
         self._tasks.append(task)
@@ -227,13 +232,12 @@ class VapixHead:
                 yield replace(picture, lost_before=picture.lost_before + reader.passed_by), *known
 
 
-def _ended(task: asyncio.Task[None], feed: Feed[HeadPoll] | Feed[Picture]) -> None:
+def _ended(task: asyncio.Task[None], feed: Feed[HeadPoll] | Feed[Picture] | None) -> None:
     """Pass on why a task ended; a programming error is also reported to the loop."""
-    if task.cancelled():
+    if task.cancelled() or task.exception() is None:
         return
     error = task.exception()
-    if isinstance(error, DeviceError):
-        feed.fail(error)
-        return
-    feed.fail(DeviceGarbled(f"internal error: {error!r}"))
-    task.get_loop().call_exception_handler({"message": "a task of the PTZ camera failed", "exception": error})
+    if feed is not None:
+        feed.fail(error if isinstance(error, DeviceError) else DeviceGarbled(f"internal error: {error!r}"))
+    if not isinstance(error, DeviceError):
+        task.get_loop().call_exception_handler({"message": "a task of the PTZ camera failed", "exception": error})

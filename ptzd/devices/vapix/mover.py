@@ -81,12 +81,18 @@ class Mover:
                 latest.reading, f"{shown(target)} is outside the limits {_shown_limits(limits)}; nothing sent"
             )
         ticket = self._take_ticket()
+        patience_s = self._patience_s(latest.reading, target)
         await self._write(requests.absolute_move(self._settings.camera, target), ticket)
-        return await self._arrival(ticket, target, limits, self._patience_s(latest.reading, target))
+        self._poller.eager = True
+        try:
+            return await self._arrival(ticket, target, limits, patience_s)
+        finally:
+            self._poller.eager = ticket != self._ticket
 
     async def stop(self) -> None:
         """As :meth:`ptzd.ports.PtzHead.stop`."""
         ticket = self._take_ticket()
+        self._poller.eager = False
         loop = asyncio.get_running_loop()
         end_s = loop.time() + self._settings.stall_s + self._proof_s
         while True:

@@ -15,6 +15,9 @@ from ptzd.ports import HeadPoll
 FAILURES_ALLOWED = 2
 """In a row; one more and the camera counts as lost."""
 KEPT_POLLS = 64
+EAGER = 2.5
+MAX_POLL_HZ = 25.0
+"""Cameras renew their reports at 10 to 20 Hz."""
 
 
 class Poller:
@@ -34,6 +37,9 @@ class Poller:
         self._client = client
         self._poses = poses
         self._period_s = 1 / settings.poll_hz
+        self._eager_period_s = 1 / min(EAGER * settings.poll_hz, MAX_POLL_HZ)
+        self.eager = False
+        """Whether somebody waits for rest: then reports come more often."""
         self._lag_ns = round(settings.report_lag_s * 1e9)
         self._stall_s = settings.stall_s
 
@@ -57,7 +63,7 @@ class Poller:
                 failures += 1
                 if failures > FAILURES_ALLOWED or loop.time() - answered_s >= self._stall_s:
                     raise
-            next_s = max(next_s + self._period_s, loop.time())
+            next_s = max(next_s + (self._eager_period_s if self.eager else self._period_s), loop.time())
             await asyncio.sleep(next_s - loop.time())
 
     async def _poll(self) -> None:

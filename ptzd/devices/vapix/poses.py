@@ -17,6 +17,10 @@ from ptzd.model import HeadReading, Motion
 
 KEPT_NS = 10_000_000_000
 MIN_REPORTS = 3
+SPAN_SHARE = 0.95
+"""Of the time asked for is enough: four reports at 10 Hz span 0.3 s give or take the jitter of the network."""
+WITNESS_SHARE = 0.4
+"""Of the settle time that must pass between the camera's own word and the report that confirms it."""
 SIGMA_FLOOR_DEG = 0.005
 """Repeatability and encoder step of the finest heads (V5915 reports steps of 1/256°)."""
 EXTRAPOLATED_NS = 200_000_000
@@ -53,12 +57,29 @@ class Pose:
 class Run:
     """Consecutive reports within a small span: sums for their mean and spread."""
 
-    __slots__ = ("_first", "_highest", "_lowest", "_squares", "_sums", "count", "first_ns", "last_ns")
+    __slots__ = (
+        "_begin_ns",
+        "_first",
+        "_highest",
+        "_lowest",
+        "_squares",
+        "_sums",
+        "count",
+        "first_ns",
+        "last_ns",
+        "span_ns",
+        "witnessed",
+    )
 
     def __init__(self, t_ns: int, half_round_trip_ns: int, reading: HeadReading) -> None:
         self._first = reading
         self._lowest = self._highest = self._sums = self._squares = (0.0, 0.0, 0.0)
+        self._begin_ns = t_ns
         self.count = 1
+        self.witnessed = False
+        """Whether the camera itself said that the motion ended, and a report after that agreed."""
+        self.span_ns = 0
+        """From the first report to the last."""
         self.first_ns = t_ns + half_round_trip_ns
         """From here on the head was there for certain."""
         self.last_ns = t_ns - half_round_trip_ns
@@ -76,17 +97,23 @@ class Run:
         self._sums = _each(lambda a, b: a + b, self._sums, offset)
         self._squares = _each(lambda a, b: a + b * b, self._squares, offset)
         self.count += 1
+        self.span_ns = t_ns - self._begin_ns
         self.last_ns = max(self.last_ns, t_ns - half_round_trip_ns)
         return True
 
     def proven(self, rest_s: float) -> bool:
-        """Whether the run is long enough to be called rest."""
-        return self.count >= MIN_REPORTS and self.last_ns - self.first_ns >= rest_s * 1e9
+        """Whether the run is long enough to be called rest, or the camera called it so."""
+        return self.witnessed or (self.count >= MIN_REPORTS and self.span_ns >= rest_s * SPAN_SHARE * 1e9)
+
+    @property
+    def _counted(self) -> int:
+        """Reports in the sums: offsets count from the first report, whose own is zero."""
+        return max(1, self.count - 1)
 
     @property
     def mean(self) -> HeadReading:
-        """Mean of the reports, pan within (−180, 180]."""
-        pan, tilt, zoom = (total / self.count for total in self._sums)
+        """Mean of the reports, pan within (−180, 180]; the first one may still show the end of the motion."""
+        pan, tilt, zoom = (total / self._counted for total in self._sums)
         first = self._first
         return HeadReading(
             pan_deg=wrapped_deg(first.pan_deg + pan) if pan else first.pan_deg,
@@ -98,7 +125,7 @@ class Run:
     def sigma_deg(self) -> float:
         """One sigma of the pose on the sphere: spread of the reports and :data:`SIGMA_FLOOR_DEG`, deg."""
         pan, tilt, _ = (
-            math.sqrt(max(0.0, square / self.count - (total / self.count) ** 2))
+            math.sqrt(max(0.0, square / self._counted - (total / self._counted) ** 2))
             for square, total in zip(self._squares, self._sums, strict=True)
         )
         return math.hypot(pan * math.cos(math.radians(self._first.tilt_deg)), tilt, SIGMA_FLOOR_DEG)
@@ -123,6 +150,7 @@ class PoseRing:
         self._commanded = False
         self._waiting: tuple[int, HeadReading | None] | None = None
         self._foreign = False
+        self._stopped_ns: int | None = None
 
     @property
     def latest(self) -> Pose | None:
@@ -139,7 +167,7 @@ class PoseRing:
         """Forget everything, as after a loss."""
         self._poses.clear()
         self._runs.clear()
-        self._run = self._waiting = None
+        self._run = self._waiting = self._stopped_ns = None
         self._commanded = self._foreign = False
 
     def commanded(self, t_ns: int) -> None:
@@ -150,7 +178,15 @@ class PoseRing:
         self._waiting = (t_ns + start_ns, None if rest is None else rest.mean)
         self._commanded = True
         self._foreign = False
-        self._run = None
+        self._run = self._stopped_ns = None
+
+    def started(self) -> None:
+        """The camera said that the head moves: nobody needs to wait for that any more."""
+        self._waiting = self._stopped_ns = None
+
+    def stopped(self, t_ns: int) -> None:
+        """The camera said at ``t_ns`` that the head does not move any more."""
+        self._stopped_ns = t_ns
 
     def add(self, t_ns: int, half_round_trip_ns: int, reading: HeadReading) -> Pose:
         """Take a report.
@@ -190,10 +226,12 @@ class PoseRing:
     def _continue_run(self, t_ns: int, half_round_trip_ns: int, reading: HeadReading) -> Motion:
         run = self._run
         if run is not None and run.extend(t_ns, half_round_trip_ns, reading, self._stillness):
+            settled_ns = round(WITNESS_SHARE * self._settle_ns)
+            run.witnessed |= self._stopped_ns is not None and t_ns - self._stopped_ns >= settled_ns
             if not run.proven(self._stillness.rest_s):
                 return Motion.SETTLING
             self._commanded = self._foreign = False
-            return Motion.STABLE if run.last_ns - run.first_ns >= self._settle_ns else Motion.SETTLING
+            return Motion.STABLE if run.span_ns >= self._settle_ns else Motion.SETTLING
         known = bool(self._poses)
         if run is not None and not self._commanded:
             self._foreign = True

@@ -116,7 +116,7 @@ async def test_polls_tell_moving_then_stable(head, camera):
 
     async def follow():
         async for poll in head.polls():
-            seen.append(poll)
+            seen.append(poll)  # noqa: PERF401 (the list is read while this runs)
 
     follower = asyncio.create_task(follow())
     await head.move(at(50))
@@ -156,7 +156,7 @@ async def test_no_picture_of_a_moving_head_is_grabbed(head, camera, clock):
     camera.speed_deg_s = 60
     moving = asyncio.create_task(head.move(at(60)))
     await asyncio.sleep(0.2)
-    picture, view = await head.grab(clock.now_ns())
+    _, view = await head.grab(clock.now_ns())
     await moving
     assert view.reading == at(60)
 
