@@ -6,7 +6,7 @@ from pathlib import Path
 
 WRITE = (
     *("/etc/x", "/usr/x", "/root/x", "/mnt/share/x", "/etc/ptzd/x"),
-    *("/var/lib/ptzd/x", "/var/log/ptzd/x", "/run/ptzd/x", "/tmp/x"),  # noqa: S108  # what is tried
+    *("/var/lib/ptzd/x", "/var/log/ptzd/x", "/run/ptzd/x", "/tmp/x"),
 )
 READ = (
     *("/dev/ttyS0", "/dev/vda", "/dev/mem", "/etc/shadow", "/etc/ptzd/credentials/axis-password"),
@@ -30,7 +30,7 @@ def main() -> None:
         "password_length": len((Path(os.environ["CREDENTIALS_DIRECTORY"]) / "axis-password").read_text()),
         "environment": dict(os.environ),
         "capabilities": status["CapBnd"],
-        "processes": sum(name.isdecimal() for name in os.listdir("/proc")),
+        "processes": sum(path.name.isdecimal() for path in Path("/proc").iterdir()),
     }
     Path("/var/lib/ptzd/x").unlink(missing_ok=True)
     Path("/var/log/ptzd/x").unlink(missing_ok=True)

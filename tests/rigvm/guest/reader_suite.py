@@ -25,6 +25,11 @@ SETTINGS = V4l2Source(device=STABLE_NAME, size_px=(WIDTH, HEIGHT), fps=FPS, stal
 PICTURES = Path("/run/pictures")
 
 
+def shown() -> set[bytes]:
+    """The pictures that the camera shows."""
+    return {path.read_bytes() for path in PICTURES.iterdir()}
+
+
 def run(checks: Checks, soak_s: float) -> None:
     make_pictures()
     shell("modprobe uvcvideo nodrop=1; modprobe vhci-hcd")
@@ -68,7 +73,7 @@ async def take(fisheye: V4l2Fisheye, count: int):
 
 async def pictures(checks: Checks, camera: UvcCamera) -> None:
     clock = SteadyClock()
-    sources = {path.read_bytes() for path in PICTURES.iterdir()}
+    sources = shown()
     taken = await take(V4l2Fisheye(SETTINGS, clock), 12)
     checks.that("the bytes are the camera's own", all(picture.jpeg in sources for picture in taken))
     numbers = [picture.frame.seq for picture in taken]
@@ -127,7 +132,7 @@ async def slow_reader(checks: Checks, camera: UvcCamera) -> None:
         checks.that("a reader that sleeps gets the newest", clock.now_ns() - late.frame.t_capture_ns < 1e9)
         checks.that("and is told what it missed", late.lost_before >= 10, late.lost_before)
         superseded = fisheye.tally.superseded
-        time.sleep(2)
+        block_the_loop(2)
         late = await anext(stream)
         after = await anext(stream)
         missed = late.lost_before + after.lost_before
@@ -135,9 +140,13 @@ async def slow_reader(checks: Checks, camera: UvcCamera) -> None:
         checks.that("they are not those replaced by newer ones", fisheye.tally.superseded - superseded <= 8)
 
 
+def block_the_loop(seconds: float) -> None:
+    time.sleep(seconds)
+
+
 async def damage(checks: Checks, camera: UvcCamera) -> None:
     fisheye = V4l2Fisheye(SETTINGS, SteadyClock())
-    sources = {path.read_bytes() for path in PICTURES.iterdir()}
+    sources = shown()
     async with aclosing(fisheye.pictures()) as stream:
         await anext(stream)
         camera.tell("truncate 3")

@@ -33,9 +33,10 @@ def run(checks: Checks) -> None:
         settings = prepare(facts)
         with UvcCamera(PICTURES, "640x480", 2).plugged_in() as camera:
             checks.until("the fisheye has its stable name", Path("/dev/ptzd/fisheye").exists)
+            check_confinement(checks)
             check_start(checks)
             check_request(checks, facts)
-            check_confinement(checks)
+            check_secret(checks)
             check_loss(checks, camera, "stall", "resume")
             check_loss(checks, camera, "detach", "attach")
             check_falls(checks)
@@ -193,6 +194,9 @@ def check_confinement(checks: Checks) -> None:
     checks.that("and in no environment", PASSWORD not in json.dumps(found["environment"]))
     checks.that("it has no capabilities", int(found["capabilities"], 16) == 0, found["capabilities"])
     checks.that("other processes are invisible", found["processes"] == 1, found["processes"])
+
+
+def check_secret(checks: Checks) -> None:
     denied = shell("setpriv --reuid=65534 --clear-groups cat /run/credentials/ptzd.service/axis-password")
     checks.that("nobody else reads the password", "Permission denied" in denied, denied)
     nowhere = shell(f"grep -rl {PASSWORD} /var/log /var/lib/ptzd; journalctl --no-pager | grep -c {PASSWORD}")
