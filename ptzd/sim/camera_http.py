@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
+from urllib.parse import parse_qsl
 
 import msgspec
 from aiohttp import web
@@ -233,10 +234,11 @@ class CameraServer:
 
 
 async def _arguments(request: web.Request) -> list[tuple[str, str]]:
-    """Pairs of the query and, for a POST, of the form."""
+    """Pairs of the query and, for a POST, of the form, whatever content type the client gives it."""
     pairs = list(request.query.items())
     if request.method == "POST":
-        pairs += [(name, value) for name, value in (await request.post()).items() if isinstance(value, str)]
+        body = (await request.read()).decode("utf-8", "replace")
+        pairs += parse_qsl(body, keep_blank_values=True)
     return pairs
 
 

@@ -78,10 +78,21 @@ def _image(profile: Profile) -> dict[str, str]:
 
 def _properties(profile: Profile) -> dict[str, str]:
     return {
+        "Properties.API.HTTP.AdminPath": "/",
         "Properties.API.HTTP.Version": "3",
+        "Properties.API.Metadata.Metadata": "yes",
+        "Properties.API.Metadata.Version": "1.0",
+        "Properties.API.OnScreenControls.OnScreenControls": "yes",
         "Properties.API.PTZ.Presets.Version": "2.00",
+        "Properties.API.RTSP.RTSPAuth": "yes",
         "Properties.API.RTSP.Version": "2.01",
+        "Properties.API.WebService.WebService": "yes",
+        "Properties.API.WebService.ONVIF.ONVIF": "yes",
+        "Properties.API.WebService.ONVIF.Version": "1.02",
+        "Properties.API.WebSocket.RTSP.RTSP": "yes",
         "Properties.ApiDiscovery.ApiDiscovery": "yes",
+        "Properties.EmbeddedDevelopment.EmbeddedDevelopment": "yes",
+        "Properties.EmbeddedDevelopment.Version": "2.16",
         "Properties.Firmware.BuildDate": "Jun 08 2021 10:17",
         "Properties.Firmware.BuildNumber": "26",
         "Properties.Firmware.Version": profile.firmware,

@@ -63,6 +63,19 @@ class Timing:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Mount:
+    """How the head sits against the frame `head` of the scene: the hidden truth that a calibration has to state."""
+
+    pan_offset_deg: float = 1.7
+    tilt_offset_deg: float = -0.9
+    """Negative: the camera on its tilt axis looks down when the encoder says 0 (a pitched bracket)."""
+    pan_scale: float = 1.0
+    tilt_scale: float = 1.0
+    camera_rotvec_deg: tuple[float, float, float] = (0.20, -0.15, 0.40)
+    """Misalignment of the camera on the tilt axis."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Profile:
     """One kind of camera."""
 
@@ -100,6 +113,8 @@ class Profile:
     """Challenges of firmware 4."""
     reversed_mount: bool = False
     """Hung the other way round: pan and tilt count against the head frame."""
+    mount: Mount = Mount()
+    """How the simulator hangs it up unless told otherwise."""
     home: tuple[float, float, float] = (0.0, 0.0, 1.0)
     """Pan, tilt, zoom of the Home preset."""
     resolutions: tuple[str, ...] = (
@@ -164,6 +179,7 @@ V5915 = Profile(
     field_angle=(22, 623),
     speed_table=SLOW_START_TABLE,
     continuous_exponent=2.38824,
+    mount=Mount(tilt_offset_deg=-30.3),
 )
 
 DOME = Profile(

@@ -44,7 +44,7 @@ class SimRig:
         self.clock = clock or WallClock()
         self.scene = scene or load_scene(settings.scene)
         self.profile = profile(settings.profile)
-        self.head = head_model(settings.mount, self.profile)
+        self.head = head_model(settings.mount or self.profile.mount, self.profile)
         self.fisheye_camera = fisheye_camera(self.scene.camera, settings.fisheye_size_px)
         self.camera = AxisCamera(settings, self.scene, self.head, self.clock)
         self._script = read_script(settings.faults) if settings.faults else []

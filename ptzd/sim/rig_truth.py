@@ -13,10 +13,10 @@ from ptzd.geometry.head import Axis, HeadModel
 from ptzd.geometry.unified import UnifiedCamera
 from ptzd.model import HeadReading
 from ptzd.sim.optics import calibrated_zooms, camera_at
-from ptzd.sim.profile import Profile
+from ptzd.sim.profile import Mount, Profile
 from ptzd.sim.scene import Scene
 from ptzd.sim.scene_file import FisheyeCamera
-from ptzd.sim.settings import Mount, SimSettings
+from ptzd.sim.settings import SimSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,7 +128,7 @@ def _zoom(settings: SimSettings, profile: Profile) -> list[dict[str, object]]:
 
 
 def _head(settings: SimSettings, profile: Profile) -> dict[str, object]:
-    mount, error = settings.mount, settings.calibration
+    mount, error = settings.mount or profile.mount, settings.calibration
     sign = -1 if profile.reversed_mount else 1
     pan = {"sign": sign, "scale": mount.pan_scale, "offset_deg": mount.pan_offset_deg + error.pan_offset_deg}
     tilt = {"sign": sign, "scale": mount.tilt_scale, "offset_deg": mount.tilt_offset_deg + error.tilt_offset_deg}

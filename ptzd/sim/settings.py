@@ -5,18 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from ptzd.sim.auth import Policy, Role, User
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Mount:
-    """How the head sits against the frame `head` of the scene: the hidden truth that a calibration has to state."""
-
-    pan_offset_deg: float = 1.7
-    tilt_offset_deg: float = -0.9
-    pan_scale: float = 1.0
-    tilt_scale: float = 1.0
-    camera_rotvec_deg: tuple[float, float, float] = (0.20, -0.15, 0.40)
-    """Misalignment of the camera on the tilt axis."""
+from ptzd.sim.profile import Mount
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,7 +30,7 @@ class SimSettings:
     """A rig without hardware."""
 
     scene: str = "room"
-    profile: str = "dome"
+    profile: str = "v5915"
     user: str = "ptzd"
     password: str = field(default="pan-tilt-zoom", repr=False)
     role: Role = Role.OPERATOR
@@ -86,7 +75,8 @@ class SimSettings:
     """Lower tilt limit past -90 with the picture turned there (domes); None: no E-flip."""
     auto_exposure: bool = False
     """A gain step that fades after each larger move."""
-    mount: Mount = Mount()
+    mount: Mount | None = None
+    """None: the profile's."""
     calibration: CalibrationError = CalibrationError()
     home: tuple[float, float, float] | None = None
     """Pan, tilt, zoom of the Home preset; None: the profile's."""

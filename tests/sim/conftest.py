@@ -34,13 +34,16 @@ class Answer:
 class Visitor:
     """A plain aiohttp client of a rig: digest, one session."""
 
-    def __init__(self, rig: SimRig, session: aiohttp.ClientSession) -> None:
+    def __init__(self, rig: SimRig, session: aiohttp.ClientSession, side: aiohttp.ClientSession) -> None:
         self.rig = rig
         self.session = session
+        self.side = side
+        """For the side channel and the fisheye: no credentials."""
 
     async def get(self, path: str, **query: object) -> Answer:
         url = path if path.startswith("http") else self.rig.camera_url + path
-        async with self.session.get(url, params={name: str(value) for name, value in query.items()}) as response:
+        session = self.session if url.startswith(self.rig.camera_url) else self.side
+        async with session.get(url, params={name: str(value) for name, value in query.items()}) as response:
             body = await response.read()
             return Answer(response.status, body.decode("utf-8", "replace"), dict(response.headers), body)
 
@@ -52,7 +55,7 @@ class Visitor:
         return {key: float(values[key]) for key in ("pan", "tilt", "zoom")}
 
     async def truth(self, path: str, **query: object) -> dict[str, object]:
-        async with self.session.get(self.rig.truth_url + path, params={k: str(v) for k, v in query.items()}) as reply:
+        async with self.side.get(self.rig.truth_url + path, params={k: str(v) for k, v in query.items()}) as reply:
             return await reply.json()
 
     async def until(self, condition: Callable[[], bool]) -> None:
@@ -90,7 +93,8 @@ async def start(room: Scene) -> AsyncIterator[Start]:
             login = aiohttp.DigestAuthMiddleware(settings.user, settings.password)
             connector = aiohttp.TCPConnector(ssl=False)
             session = aiohttp.ClientSession(middlewares=(login,), connector=connector)
-            return Visitor(rig, await stack.enter_async_context(session))
+            await stack.enter_async_context(session)
+            return Visitor(rig, session, await stack.enter_async_context(aiohttp.ClientSession()))
 
         yield begin
     await asyncio.sleep(0.05)

@@ -13,7 +13,6 @@ from ptzd.sim.faults import Fault, FaultKind
 from ptzd.sim.head import Pose
 from ptzd.sim.imager import Exposure, PtzEye
 from ptzd.sim.rig_truth import head_model
-from ptzd.sim.settings import Mount
 
 IMAGE = "/axis-cgi/jpg/image.cgi"
 VIDEO = "/axis-cgi/mjpg/video.cgi"
@@ -169,7 +168,7 @@ async def test_a_frozen_picture_shows_the_start_until_arrival(start):
 
 
 def test_motion_smears_along_its_direction_and_zooming_defocuses(room, kind):
-    eye = PtzEye(room, kind, head_model(Mount(), kind), noise_sigma=0.0, seed=1)
+    eye = PtzEye(room, kind, head_model(kind.mount, kind), noise_sigma=0.0, seed=1)
     pose = Pose(pan_deg=0.0, tilt_deg=0.0, zoom=1.0)
     sharp = eye.clean(Exposure(pose=pose, size_px=(320, 240))).astype(float)
     smeared = eye.clean(Exposure(pose=pose, size_px=(320, 240), sweep_px=(12.0, 0.0))).astype(float)
