@@ -29,7 +29,6 @@ START_S = 40.0
 """Simulator and daemon are up in seconds; a loaded machine may need longer to import."""
 END_S = 10.0
 REQUEST_S = 90.0
-BOXES = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,7 +61,7 @@ class Report:
         return bool(self.shots) and all(shot.good for shot in self.shots)
 
 
-async def run_demo(scene: str, out: Path, say: Callable[[str], None]) -> Report:
+async def run_demo(scene: str, out: Path, say: Callable[[str], None], *, boxes: int) -> Report:
     """Start everything, ask for the scene's boxes, stop everything, draw the sheet.
 
     Parameters
@@ -73,16 +72,18 @@ async def run_demo(scene: str, out: Path, say: Callable[[str], None]) -> Report:
         Folder for settings, calibration, log and sheet.
     say : callable
         Takes lines for a person.
+    boxes : int
+        How many of the scene's boxes are asked for, one after the other.
     """
-    boxes = load_scene(scene).demo_boxes[:BOXES]
-    endpoint = f"tcp/127.0.0.1:{_free_port()}"
-    async with _simulator(scene, out, endpoint) as ready:
+    wanted = load_scene(scene).demo_boxes[:boxes]
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    async with simulator(scene, out, endpoint) as ready:
         say(f"simulated AXIS camera at {ready['ptz_url']}, fisheye at {ready['fisheye_url']}")
-        async with _daemon(out / "ptzd.yaml"), Client.open(endpoint, rig="demo") as client:
+        async with daemon(out / "ptzd.yaml"), Client.open(endpoint, rig="demo") as client:
             say(f"daemon serves rig demo at {endpoint}")
             shots = [
-                await _shoot(client, str(ready["truth_url"]), item.name, (item.x, item.y, item.w, item.h), say)
-                for item in boxes
+                await shoot(client, str(ready["truth_url"]), item.name, (item.x, item.y, item.w, item.h), say)
+                for item in wanted
             ]
     log, sheet = _newest_log(out), out / "sheet.png"
     await asyncio.to_thread(write_sheet, log, sheet)
@@ -93,7 +94,7 @@ def _newest_log(out: Path) -> Path:
     return max((out / "log").glob("*.mcap"))
 
 
-async def _shoot(
+async def shoot(
     client: Client, truth_url: str, name: str, box: tuple[float, float, float, float], say: Callable[[str], None]
 ) -> Shot:
     started = time.monotonic()
@@ -140,14 +141,14 @@ async def _error_deg(truth_url: str, box: tuple[float, float, float, float], res
     return math.degrees(float(angle_between(true, found)))
 
 
-def _free_port() -> int:
+def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
 
 
 @asynccontextmanager
-async def _simulator(scene: str, out: Path, endpoint: str) -> AsyncIterator[dict[str, object]]:
+async def simulator(scene: str, out: Path, endpoint: str) -> AsyncIterator[dict[str, object]]:
     """The simulated rig in a process of its own; yields what it says when it is ready."""
     ports = ("--port", "0", "--fisheye-port", "0", "--truth-port", "0")
     command = ("sim", "--scene", scene, *ports, "--write-config", str(out), "--bus", endpoint, "--json")
@@ -160,13 +161,13 @@ async def _simulator(scene: str, out: Path, endpoint: str) -> AsyncIterator[dict
 
 
 @asynccontextmanager
-async def _daemon(config: Path) -> AsyncIterator[None]:
+async def daemon(config: Path) -> AsyncIterator[asyncio.subprocess.Process]:
     """The daemon in a process of its own, once it serves requests."""
     async with _process("run", "--config", str(config), what="daemon") as process:
         assert process.stdout is not None
         if not await asyncio.wait_for(process.stdout.readline(), START_S):
             raise PtzdError(f"the daemon ended before it was ready; run `ptzd run --config {config}` to see why")
-        yield
+        yield process
 
 
 @asynccontextmanager

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from pathlib import Path
 from typing import NoReturn
 
@@ -18,7 +19,7 @@ class _Parser(argparse.ArgumentParser):
     """Usage errors exit with 64, as sysexits.h says."""
 
     def error(self, message: str) -> NoReturn:
-        self.print_usage()
+        self.print_usage(sys.stderr)
         self.exit(EX_USAGE, f"{self.prog}: {message}\n")
 
 
@@ -59,10 +60,18 @@ def interval(text: str) -> tuple[float, float]:
     return low, high
 
 
+def count(text: str) -> int:
+    """Parse a whole number of at least 1."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"expected a whole number of at least 1, got {text!r}")
+    return int(text)
+
+
 def _add_rig_commands(commands: argparse._SubParsersAction[_Parser]) -> None:
     demo = commands.add_parser("demo", help="a simulated rig, the real daemon, several boxes, a picture of it all")
     demo.add_argument("--scene", default="room", help="name of a scene: see `ptzd sim --list`")
     demo.add_argument("--out", type=Path, default=Path("demo"), help="folder for log and sheet")
+    demo.add_argument("--boxes", type=count, default=4, metavar="N", help="how many of the scene's boxes (default 4)")
     demo.add_argument("--json", action="store_true")
     demo.set_defaults(run=rig.demo)
     run = commands.add_parser("run", help="the daemon")
@@ -86,6 +95,8 @@ def _add_rig_commands(commands: argparse._SubParsersAction[_Parser]) -> None:
     sim.add_argument("--bus", default="tcp/127.0.0.1:7447", help="Zenoh endpoint in the written settings")
     sim.add_argument("--json", action="store_true", help="say what is ready as one JSON line")
     sim.set_defaults(run=rig.sim)
+    install = commands.add_parser("install-service", help="make this installation a systemd service (as root)")
+    install.set_defaults(run=rig.install_service)
 
 
 def _add_bus_commands(commands: argparse._SubParsersAction[_Parser]) -> None:
@@ -149,14 +160,25 @@ def _add_offline_commands(commands: argparse._SubParsersAction[_Parser]) -> None
     replay.add_argument("--calibration", type=Path, help="what if: another calibration")
     replay.add_argument("--json", action="store_true")
     replay.set_defaults(run=offline.replay)
-    log = commands.add_parser("log", help="contents of a log, repair, pictures and CSV out")
-    log.add_argument("action", choices=["info", "recover", "export"])
-    log.add_argument("file", type=Path)
-    log.add_argument("--out", type=Path, help="folder of the export")
-    log.add_argument("--json", action="store_true")
-    log.set_defaults(run=offline.log)
+    _add_log_commands(commands.add_parser("log", help="contents of a log, repair, tables and pictures out"))
     schema = commands.add_parser("schema", help="JSON Schema of the bus messages")
     schema.add_argument("type", nargs="?")
     schema.set_defaults(run=offline.schema)
     states = commands.add_parser("states", help="the state diagram, as Mermaid")
     states.set_defaults(run=offline.states)
+
+
+def _add_log_commands(log: argparse.ArgumentParser) -> None:
+    actions = log.add_subparsers(dest="action", required=True, metavar="ACTION")
+    common = _Parser(add_help=False)
+    common.add_argument("file", type=Path)
+    common.add_argument("--json", action="store_true")
+    info = actions.add_parser("info", parents=[common], help="what a file holds, told per request")
+    info.set_defaults(run=offline.log_info)
+    recover = actions.add_parser("recover", parents=[common], help="repair a torn file in place")
+    recover.set_defaults(run=offline.log_recover)
+    export = actions.add_parser("export", parents=[common], help="CSV tables and a page per request")
+    export.add_argument("--out", type=Path, help="folder; default: the log's name without .mcap")
+    export.add_argument("--request", help="only the evidence page of this request")
+    export.add_argument("--pictures", action="store_true", help="all pictures too, with the camera's own bytes")
+    export.set_defaults(run=offline.log_export)

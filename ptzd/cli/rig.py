@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
+import sys
+from pathlib import Path
 
 import msgspec
 from rich.console import Console
@@ -69,7 +71,7 @@ def demo(arguments: argparse.Namespace) -> int:
     from ptzd.app.demo import TOLERANCE_DEG, Report, run_demo
 
     console = Console(stderr=arguments.json, highlight=False, soft_wrap=True)
-    report: Report = asyncio.run(run_demo(arguments.scene, arguments.out, console.print))
+    report: Report = asyncio.run(run_demo(arguments.scene, arguments.out, console.print, boxes=arguments.boxes))
     if arguments.json:
         document = {
             "outcome": "locked" if report.good else "failed",
@@ -96,3 +98,15 @@ def demo(arguments: argparse.Namespace) -> int:
         console.print(table)
         console.print(f"log    {report.log}\nsheet  {report.sheet}\nreplay ptzd replay --recompute {report.log}")
     return 0 if report.good else 1
+
+
+def install_service(arguments: argparse.Namespace) -> int:
+    """Write the service's files for this installation and enable it; it starts when told to."""
+    from ptzd.app import installing
+
+    del arguments
+    for path in installing.write_files(Path(sys.argv[0])):
+        print(path)
+    installing.activate()
+    print("enabled; write /etc/ptzd/ptzd.yaml, then: systemctl start ptzd")
+    return 0
