@@ -73,11 +73,16 @@ class V4l2Fisheye:
             await self._streaming.aclose()
 
     def pictures(self) -> AsyncGenerator[Picture, None]:
-        """Pictures from now on; see :class:`ptzd.ports.FrameSource`."""
-        self._streaming = self._healing()
+        """Pictures from now on; see :class:`ptzd.ports.FrameSource`.
+
+        A camera has one reader: a new series ends the one before, whoever still holds it.
+        """
+        self._streaming = self._healing(self._streaming)
         return self._streaming
 
-    async def _healing(self) -> AsyncGenerator[Picture, None]:
+    async def _healing(self, before: AsyncGenerator[Picture, None] | None) -> AsyncGenerator[Picture, None]:
+        if before is not None:
+            await before.aclose()
         wait_s = FIRST_WAIT_S
         while True:
             try:

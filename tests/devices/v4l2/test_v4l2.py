@@ -156,6 +156,16 @@ async def test_a_reader_that_leaves_while_the_camera_opens_leaves_nothing_open(k
     assert kernel.open_count == 0
 
 
+async def test_a_new_series_ends_the_one_before(fisheye, kernel, jpeg):
+    async with fisheye:
+        abandoned = fisheye.pictures()
+        await shoot_and_take(abandoned, kernel, jpeg(0))
+        picture = await shoot_and_take(fisheye.pictures(), kernel, jpeg(1))
+        assert (picture.jpeg, picture.frame.seq, kernel.open_count) == (jpeg(1), 1, 1)
+        with pytest.raises(StopAsyncIteration):
+            await anext(abandoned)
+
+
 async def test_leaving_closes_the_camera(fisheye, kernel, jpeg):
     async with fisheye:
         await shoot_and_take(fisheye.pictures(), kernel, jpeg(0))
