@@ -8,7 +8,6 @@ import signal
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal
 
 import cv2
@@ -33,9 +32,14 @@ from ptzd.runtime.clock import SteadyClock
 from ptzd.runtime.daemon import Daemon
 from ptzd.runtime.notify import Notifier
 from ptzd.runtime.perception import ThreadPerception
+from ptzd.runtime.watchdog import Vital, Watchdog
 
 OPENCV_THREADS = 1
 """Matching runs in one thread beside the loop; results do not depend on the number, latency of the loop does."""
+
+
+VITAL_S = 10.0
+"""Cameras deliver and are polled many times a second, and each poll is logged; reported losses are excused."""
 
 
 @dataclass(slots=True)
@@ -103,10 +107,6 @@ async def serve(loaded: Loaded, stop: asyncio.Event, *, ready: Callable[[], None
         head = await stack.enter_async_context(VapixHead(config.ptz, config.limits, clock))
         perception = await stack.enter_async_context(ThreadPerception(loaded.rig))
 
-        def on_ready() -> None:
-            notifier.ready(f"rig {config.rig} serves requests")
-            ready()
-
         parts.daemon = Daemon(
             rig=loaded.rig,
             config=config,
@@ -116,10 +116,13 @@ async def serve(loaded: Loaded, stop: asyncio.Event, *, ready: Callable[[], None
             bus=bus,
             log=log,
             perception=perception,
-            ready=on_ready,
+            answering=lambda: notifier.ready(f"rig {config.rig} answers"),
+            serving=ready,
         )
         bus.on_log_query(_log_handler(log, parts.daemon))
-        watchdog = asyncio.create_task(_feed_watchdog(notifier, parts.daemon), name="watchdog")
+        machine = parts.daemon.pump.machine
+        watch = Watchdog(notifier, _vitals(parts.daemon, log), lambda: str(machine.state))
+        watchdog = asyncio.create_task(watch.run(), name="watchdog")
         try:
             await parts.daemon.run(stop)
         finally:
@@ -178,17 +181,21 @@ def _log_handler(log: McapLog, daemon: Daemon) -> LogHandler:
     return handle
 
 
-async def _feed_watchdog(notifier: Notifier, daemon: Daemon) -> None:
-    """Tell the service manager that the loop runs, and only while it does."""
-    period = notifier.ping_every_s
-    if period is None:
-        return
-    while True:
-        notifier.alive()
-        notifier.status(f"{daemon.pump.machine.state}")
-        await asyncio.sleep(period)
-
-
-def log_files(directory: Path) -> list[Path]:
-    """Whole log files of a folder, oldest first."""
-    return sorted(directory.glob("*.mcap"))
+def _vitals(daemon: Daemon, log: McapLog) -> tuple[Vital, ...]:
+    """What must be alive for the service manager to be told so; a device that was reported lost is excused."""
+    fisheye, head = daemon.fisheye_watch, daemon.head_watch
+    return (
+        Vital(
+            name="fisheye",
+            progress=lambda: fisheye.frames_seen,
+            limit_s=VITAL_S,
+            excused=lambda: not fisheye.health.well,
+        ),
+        Vital(
+            name="ptz",
+            progress=lambda: head.last_poll.t_ns if head.last_poll else 0,
+            limit_s=VITAL_S,
+            excused=lambda: not head.health.well,
+        ),
+        Vital(name="log", progress=lambda: log.stats().messages, limit_s=VITAL_S),
+    )

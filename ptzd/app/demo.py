@@ -97,6 +97,7 @@ def _newest_log(out: Path) -> Path:
 async def shoot(
     client: Client, truth_url: str, name: str, box: tuple[float, float, float, float], say: Callable[[str], None]
 ) -> Shot:
+    """Ask for one box, tell its steps, hold the result against the truth."""
     started = time.monotonic()
     accepted = await client.request(box=box, id=name, label=name, hold_s=1.0, timeout_s=REQUEST_S)
     locked_s = [math.nan]
@@ -142,6 +143,7 @@ async def _error_deg(truth_url: str, box: tuple[float, float, float, float], res
 
 
 def free_port() -> int:
+    """A TCP port of the loopback interface that nobody uses now."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])

@@ -1,4 +1,4 @@
-"""The daemon's own messages: one line each on stderr, with the priority that a service manager understands."""
+"""Where the daemon's own messages go: the journal with fields under a service manager, stderr otherwise."""
 
 from __future__ import annotations
 
@@ -6,23 +6,23 @@ import logging
 import os
 import sys
 
-_PRIORITIES = ((logging.ERROR, "<3>"), (logging.WARNING, "<4>"), (logging.INFO, "<6>"))
-"""Syslog levels, see sd-daemon(3)."""
+from ptzd.runtime.journal import JournalHandler, goes_to_journal
 
 
-class JournalFormatter(logging.Formatter):
-    """Prefix every line with its priority when stderr goes to the journal."""
+class OneLine(logging.Formatter):
+    """A record in one line, whatever it holds."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """One line of text."""
-        line = " ".join(super().format(record).splitlines())
-        return next((prefix for level, prefix in _PRIORITIES if record.levelno >= level), "<7>") + line
+        """Text without line breaks."""
+        return " ".join(super().format(record).split("\n"))
 
 
 def set_up() -> None:
-    """Send messages from INFO up to stderr; under a service manager with priorities, else with times."""
-    handler = logging.StreamHandler(sys.stderr)
-    under_systemd = "JOURNAL_STREAM" in os.environ
-    plain = logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s")
-    handler.setFormatter(JournalFormatter("%(name)s: %(message)s") if under_systemd else plain)
-    logging.basicConfig(level=logging.INFO, handlers=[handler])
+    """Send messages from INFO up to the journal or to stderr."""
+    plain = logging.StreamHandler(sys.stderr)
+    plain.setFormatter(OneLine("%(asctime)s %(levelname)s %(name)s: %(message)s"))
+    handler: logging.Handler = plain
+    if goes_to_journal(os.environ):
+        handler = JournalHandler(plain)
+        handler.setFormatter(logging.Formatter("%(message)s"))
+    logging.basicConfig(level=logging.INFO, handlers=[handler], force=True)

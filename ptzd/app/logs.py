@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
+from ptzd.log.export import bundle, export
+from ptzd.log.info import describe, document, lines
 from ptzd.log.recover import recover
 
 
-def recovered(path: Path, out: Path | None, *, as_json: bool) -> Iterator[str]:
+def info(path: Path, *, as_json: bool) -> Iterator[str]:
+    """What a file holds, told per request."""
+    summary = describe(path)
+    if as_json:
+        yield json.dumps(document(summary))
+    else:
+        yield from lines(summary)
+
+
+def recovered(path: Path, *, as_json: bool) -> Iterator[str]:
     """Repair a torn file in place."""
-    del out
     report = recover(path)
     if as_json:
         yield json.dumps({"file": str(report.path), "messages": report.messages, "bytes_cut": report.bytes_cut})
@@ -19,4 +29,16 @@ def recovered(path: Path, out: Path | None, *, as_json: bool) -> Iterator[str]:
         yield f"{report.path}: {report.note}"
 
 
-ACTIONS: dict[str, Callable[..., Iterator[str]]] = {"recover": recovered}
+def exported(path: Path, out: Path | None, request: str | None, *, pictures: bool, as_json: bool) -> Iterator[str]:
+    """Tables, pages and pictures of a file, or the page of one request."""
+    folder = out if out is not None else path.with_suffix("")
+    if request is not None:
+        page = bundle(path, request, folder)
+        yield json.dumps({"page": str(page)}) if as_json else str(page)
+        return
+    written = export(path, folder, pictures=pictures)
+    facts = {"directory": str(written.directory), "requests": written.requests, "pictures": written.pictures}
+    if as_json:
+        yield json.dumps(facts)
+    else:
+        yield f"{written.directory}: {written.requests} requests, {written.pictures} pictures"

@@ -7,6 +7,7 @@ import json
 import math
 import sys
 import time
+from collections.abc import Iterable
 from pathlib import Path
 
 import cv2
@@ -143,10 +144,31 @@ def states(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def log(arguments: argparse.Namespace) -> int:
-    """Contents, repair, export of a log."""
+def log_info(arguments: argparse.Namespace) -> int:
+    """What a log holds, told per request."""
     from ptzd.app import logs
 
-    for line in logs.ACTIONS[arguments.action](arguments.file, arguments.out, as_json=arguments.json):
+    return _print_lines(logs.info(arguments.file, as_json=arguments.json))
+
+
+def log_recover(arguments: argparse.Namespace) -> int:
+    """Repair a torn log."""
+    from ptzd.app import logs
+
+    return _print_lines(logs.recovered(arguments.file, as_json=arguments.json))
+
+
+def log_export(arguments: argparse.Namespace) -> int:
+    """Write tables, pages and pictures of a log."""
+    from ptzd.app import logs
+
+    lines = logs.exported(
+        arguments.file, arguments.out, arguments.request, pictures=arguments.pictures, as_json=arguments.json
+    )
+    return _print_lines(lines)
+
+
+def _print_lines(lines: Iterable[str]) -> int:
+    for line in lines:
         print(line)
     return 0

@@ -9,22 +9,29 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from ptzd.config import Config
+from ptzd.control import commands as cmd
 from ptzd.control import events as ev
 from ptzd.control.machine import RING_FRAMES, Machine
+from ptzd.control.states import State
 from ptzd.errors import DeviceError
 from ptzd.geometry.rig import Rig
 from ptzd.model import HeadReading, Motion
 from ptzd.ports import Bus, Clock, EventLog, FrameSource, HeadPoll, Perception, Picture, PtzHead
 from ptzd.runtime.frames import FrameStore
 from ptzd.runtime.hands import Hands
+from ptzd.runtime.narrator import Narrator
 from ptzd.runtime.overlays import Overlays
-from ptzd.runtime.pump import Observer, Pump
+from ptzd.runtime.pump import Pump
 from ptzd.runtime.watch import FisheyeWatch, HeadWatch
 
 SPARE_FRAMES = 32
 """The store holds a few more frames than the core's ring, so that what the core accepts is certainly here."""
 STOP_WITHIN_S = 4.5
 """The head's stop is confirmed within 3 s or reported as not confirmed; the whole end takes at most 5 s."""
+
+
+def _nothing() -> None:
+    """Said already."""
 
 
 class Daemon:
@@ -36,7 +43,9 @@ class Daemon:
         Calibration and settings.
     clock, fisheye, head, bus, log, perception
         The world; already opened by whoever composes the daemon.
-    ready : callable
+    answering : callable
+        Called once, when every device is well or has been reported lost: whoever asks gets an answer from now on.
+    serving : callable
         Called once, when requests can be served.
     """
 
@@ -51,16 +60,18 @@ class Daemon:
         bus: Bus,
         log: EventLog,
         perception: Perception,
-        ready: Callable[[], None] = lambda: None,
+        answering: Callable[[], None] = _nothing,
+        serving: Callable[[], None] = _nothing,
     ) -> None:
         self._rig = rig
         self._bus = bus
         self._log = log
-        self._ready = ready
+        self._answering = answering
+        self._serving = serving
         self.frames = FrameStore(RING_FRAMES + SPARE_FRAMES)
         self.overlays = Overlays(bus=bus, frames=self.frames)
         machine = Machine(rig, config)
-        observers = (Observer(seen=self.overlays.seen), Observer(seen=self._watch_readiness))
+        observers = (self.overlays.seen, Narrator().seen, self._watch_readiness)
         self.pump = Pump(machine=machine, clock=clock, log=log, bus=bus, frames=self.frames, observers=observers)
         self.fisheye_watch = FisheyeWatch(
             source=fisheye,
@@ -122,11 +133,15 @@ class Daemon:
     def _head_lost(self, error: DeviceError) -> None:
         self.head_watch.report_lost(error)
 
-    def _watch_readiness(self, sequence: int, event: ev.Event, commands: object) -> None:
-        del sequence, event, commands
-        if self.pump.machine.state is not self.pump.machine.state.STARTING:
-            ready, self._ready = self._ready, lambda: None
-            ready()
+    def _watch_readiness(self, sequence: int, event: ev.Event, commands: list[cmd.Command]) -> None:
+        del sequence, commands
+        serving = self.pump.machine.state is not State.STARTING
+        if serving or isinstance(event, ev.DeviceLost):
+            answering, self._answering = self._answering, _nothing
+            answering()
+        if serving:
+            now_serving, self._serving = self._serving, _nothing
+            now_serving()
 
     def pose_document(self, poll: HeadPoll) -> dict[str, object]:
         """The pose as the bus key ``pose`` and the log topic ``/pose`` show it: calibrated head frame, deg."""

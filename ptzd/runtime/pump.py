@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
@@ -14,12 +13,8 @@ from ptzd.ports import Bus, Clock, EventLog
 from ptzd.runtime.frames import FrameStore
 from ptzd.runtime.hands import Hands
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Observer:
-    """Somebody who is shown every event and command after it was handled, e.g. annotations and metrics."""
-
-    seen: Callable[[int, ev.Event, list[cmd.Command]], None]
+Observer = Callable[[int, ev.Event, list[cmd.Command]], None]
+"""Shown the sequence number, the event and the commands of every step after it was performed."""
 
 
 class Pump:
@@ -89,7 +84,7 @@ class Pump:
         for command in commands:
             self._perform(command)
         for observer in self._observers:
-            observer.seen(self._sequence, event, commands)
+            observer(self._sequence, event, commands)
         if self._log.rotate_due():
             self.cut_log()
 
