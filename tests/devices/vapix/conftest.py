@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import hashlib
 import json
 import re
@@ -106,8 +107,6 @@ class FakeCamera:
             self.challenged += 1
             return False
         if header.startswith("Basic "):
-            import base64
-
             good = base64.b64decode(header[6:]).decode() == f"{USER}:{PASSWORD}"
         else:
             good = self._digest_good(request, header)
@@ -164,10 +163,9 @@ class FakeCamera:
         self.streams += 1
         response = web.StreamResponse(headers={"Content-Type": "multipart/x-mixed-replace; boundary=myboundary"})
         await response.prepare(request)
-        make = self.frame or picture
         try:
             while True:
-                body = make(self.sent_pictures)
+                body = (self.frame or picture)(self.sent_pictures)
                 self.sent_pictures += 1
                 head = f"--myboundary\r\nContent-Type: image/jpeg\r\nContent-Length: {len(body)}\r\n\r\n"
                 await response.write(head.encode() + body + b"\r\n")
