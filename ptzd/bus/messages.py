@@ -123,7 +123,7 @@ class Accepted(Outgoing, frozen=True):
     """0 = active now, 1… = place in the queue."""
 
 
-class ErrorReply(Outgoing, frozen=True):
+class ErrorReply(Outgoing, frozen=True, omit_defaults=False):
     """Why not."""
 
     code: str
