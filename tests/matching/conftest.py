@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -10,11 +11,11 @@ import pytest
 
 from ptzd.geometry.head import Axis, HeadModel
 from ptzd.geometry.rig import Rig, Uncertainty
-from ptzd.geometry.sphere import rotation_from_rotvec
+from ptzd.geometry.sphere import angle_between, bearing, rotation_from_rotvec
 from ptzd.geometry.unified import UnifiedCamera
 from ptzd.geometry.zoom import ZoomEntry, ZoomTable
 from ptzd.matching.job import MatchInputs
-from ptzd.model import Box, HeadReading
+from ptzd.model import Box, Candidate, HeadReading
 
 TEXTURE_PX = 2048
 METRES_PER_TEXTURE = 4.0
@@ -74,6 +75,8 @@ class World:
 
     rig: Rig
     planes: tuple[Plane, ...]
+    drawn: dict = field(default_factory=dict)
+    """Views without noise, by their pose."""
 
     def _see(self, origin: np.ndarray, rays: np.ndarray) -> np.ndarray:
         nearest, picture = np.full(rays.shape[:-1], np.inf), np.full(rays.shape[:-1], 20.0)
@@ -106,11 +109,16 @@ class World:
         return with_noise(picture, noise, seed)
 
     def view(self, reading: HeadReading, noise: float = 0.0, seed: int = 1) -> np.ndarray:
+        key = (reading.pan_deg, reading.tilt_deg, reading.zoom)
+        if key not in self.drawn:
+            self.drawn[key] = self._draw_view(reading)
+        return with_noise(self.drawn[key], noise, seed)
+
+    def _draw_view(self, reading: HeadReading) -> np.ndarray:
         camera = self.rig.camera(reading)
         rotation, shift = self.rig.head_from_fisheye_rotation, self.rig.head_from_fisheye_translation
         fisheye_from_camera = rotation.T @ self.rig.head_from_camera(reading)
-        picture = self._draw(camera, -rotation.T @ shift, fisheye_from_camera, (0, 0, *camera.size_px), 2)
-        return with_noise(picture, noise, seed)
+        return self._draw(camera, -rotation.T @ shift, fisheye_from_camera, (0, 0, *camera.size_px), 3)
 
     def truth(self, pixel: tuple[float, float]) -> tuple[np.ndarray, float]:
         """Head-frame direction of what a fisheye pixel shows, and its inverse range."""
@@ -118,6 +126,16 @@ class World:
         reach = min(float(plane.hit(np.zeros(3), ray)[0]) for plane in self.planes)
         direction = self.rig.head_from_fisheye_rotation @ ray + self.rig.head_from_fisheye_translation / reach
         return direction / np.linalg.norm(direction), 1.0 / reach
+
+    def aimed(self, box: Box, off_deg: tuple[float, float] = (0.0, 0.0), zoom: float = 1.0) -> HeadReading:
+        """Pose that looks at the box's centre, off by so many degrees of pan and tilt."""
+        exact = self.rig.aim(self.truth(box.centre)[0], zoom)
+        return HeadReading(pan_deg=exact.pan_deg + off_deg[0], tilt_deg=exact.tilt_deg + off_deg[1], zoom=zoom)
+
+    def error_deg(self, box: Box, candidate: Candidate) -> float:
+        return float(
+            np.degrees(angle_between(self.truth(box.centre)[0], bearing(candidate.pan_rad, candidate.tilt_rad)))
+        )
 
     def inputs(
         self, box: Box, reading: HeadReading, *, noise: float = 0.0, band_deg: float = 0.5, **changes
@@ -141,7 +159,7 @@ def with_noise(picture: np.ndarray, sigma: float, seed: int) -> np.ndarray:
 
 
 def make_rig(
-    rotvec_deg=(3.0, -5.0, 2.0), translation=(-0.5, -0.1, -0.05), distortion=(0.0,) * 5, size=(640, 480)
+    rotvec_deg=(3.0, -5.0, 2.0), translation=(-0.5, -0.1, -0.05), distortion=(0.0,) * 5, size=(320, 240)
 ) -> Rig:
     focal = 0.5 * size[0] / np.tan(np.radians(30.0))
     centre = ((size[0] - 1) / 2, (size[1] - 1) / 2)
@@ -170,7 +188,15 @@ def textures() -> list[np.ndarray]:
 @pytest.fixture(scope="session")
 def world(textures) -> World:
     """A wall 3 m ahead, turned a little."""
-    normal = np.array([0.2, -0.1, 1.0])
-    return World(
-        rig=make_rig(), planes=(Plane(normal=normal / np.linalg.norm(normal), distance=3.0, texture=textures[0]),)
-    )
+    return World(rig=make_rig(), planes=(wall(textures[0]),))
+
+
+def wall(texture: np.ndarray, distance: float = 3.0, normal=(0.2, -0.1, 1.0), **changes) -> Plane:
+    direction = np.array(normal) / np.linalg.norm(normal)
+    return Plane(normal=direction, distance=distance, texture=texture, **changes)
+
+
+@pytest.fixture(scope="session")
+def lab():
+    """The makers, for tests that build their own world."""
+    return SimpleNamespace(World=World, Plane=Plane, wall=wall, make_rig=make_rig, with_noise=with_noise)
