@@ -93,13 +93,15 @@ def _polyline(
     closed: bool = False,
     thickness: int = 1,
 ) -> None:
-    bounded = np.clip(np.array(list(points), np.float64).reshape(-1, 1, 2), -_FAR_PX, _FAR_PX)
-    fixed = np.round(bounded * (1 << _SHIFT)).astype(np.int32)
-    if len(fixed):
+    exact = np.array(list(points), np.float64).reshape(-1, 1, 2)
+    if len(exact) and np.isfinite(exact).all():
+        fixed = np.round(np.clip(exact, -_FAR_PX, _FAR_PX) * (1 << _SHIFT)).astype(np.int32)
         cv2.polylines(picture, [fixed], closed, bgr, thickness, cv2.LINE_AA, _SHIFT)
 
 
 def _text(picture: Pixels, text: str, at: tuple[float, float], bgr: tuple[int, int, int]) -> None:
+    if not np.isfinite(at).all():
+        return
     x, y = (round(float(np.clip(value, -_FAR_PX, _FAR_PX))) for value in at)
     for colour, thickness in (((0, 0, 0), 3), (bgr, 1)):
         cv2.putText(picture, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, thickness, cv2.LINE_AA)

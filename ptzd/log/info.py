@@ -19,6 +19,7 @@ from ptzd.log.story import Stories, Story
 from ptzd.log.topics import COMMAND, EVENT
 
 _MESSAGES = 20
+_YEAR_9999_NS = 253_000_000_000 * NS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,7 +100,9 @@ def _warning(path: Path, data: bytes) -> list[str]:
 
 
 def clock_time(t_ns: int) -> str:
-    """Time of day in UTC to the millisecond, e.g. ``2026-11-21 23:15:02.123Z``."""
+    """Time of day in UTC to the millisecond, e.g. ``2026-11-21 23:15:02.123Z``; the plain number where it is none."""
+    if not 0 <= t_ns < _YEAR_9999_NS:
+        return f"{t_ns} ns"
     whole = datetime.fromtimestamp(t_ns // NS, UTC)
     return f"{whole:%Y-%m-%d %H:%M:%S}.{t_ns % NS // 1_000_000:03d}Z"
 

@@ -13,14 +13,14 @@ from typing import Self
 import msgspec
 
 from ptzd.config import LogSettings
-from ptzd.control.commands import Command, PinFrame, RunMatch
-from ptzd.control.events import Event, Snapshot, ViewTaken
+from ptzd.control.commands import Command, PinFrame, ReleaseFrames, RunMatch
+from ptzd.control.events import Event, MatchFailed, MatchFinished, Snapshot, ViewTaken
 from ptzd.errors import LogError
 from ptzd.log import retention
 from ptzd.log.codec import encode
 from ptzd.log.foxglove import Level
 from ptzd.log.inbox import Cut, End, Inbox, Item, Record, Settle
-from ptzd.log.late import LatePictures
+from ptzd.log.late import RecentPictures
 from ptzd.log.protobuf import NS, CompressedImage
 from ptzd.log.recover import recover_directory
 from ptzd.log.run import RunInfo
@@ -32,8 +32,8 @@ from ptzd.ports import Clock, Picture
 
 FRAME_IDS = {FISHEYE_IMAGE: "fisheye", PTZ_IMAGE: "camera"}
 """Coordinate frame of each picture topic, as ``/tf`` names it."""
-LATE_S = 10.0
-"""How long a skipped picture can still be asked for, s; longer than a request may lag behind its frame."""
+LATE_S = 5.0
+"""How long a picture can still be asked for, s; longer than a request may lag behind its frame."""
 _MAX_NS = 1 << 63
 
 
@@ -63,7 +63,8 @@ class McapLog:
     """Writes all that the core is told and answers, and the pictures, to MCAP files: :class:`ptzd.ports.EventLog`.
 
     Pictures are left out by ``fisheye_every_n`` and when the queue is full. One that a command or event then names as
-    used (``PinFrame``, ``RunMatch``, ``ViewTaken``) is written late, with its own times; the pump need not care.
+    used (``PinFrame``, ``RunMatch``, ``ViewTaken``) is written late, with its own times, and again into every file that
+    begins while it is in use, so that each file replays alone; the pump need not care.
 
     Parameters
     ----------
@@ -76,7 +77,7 @@ class McapLog:
     illustrate : Illustrate
         Makes documents for viewers out of decisions, in the writer's thread.
     late_s : float
-        How long skipped pictures can still be asked for, s.
+        How long pictures can still be asked for, s; they are held by reference for this long.
     """
 
     def __init__(
@@ -94,7 +95,7 @@ class McapLog:
         self._inbox = Inbox(settings.queue_frames)
         self._scribe = Scribe(settings, run, clock, self._inbox, illustrate)
         self._thread = threading.Thread(target=self._scribe.run, name="ptzd-log")
-        self._late = LatePictures(int(late_s * NS))
+        self._pictures = RecentPictures(int(late_s * NS))
         self._counts = dict.fromkeys(IMAGES, 0)
         self._skipped = self._refused = 0
         self._cuts = 0
@@ -143,17 +144,30 @@ class McapLog:
         """
         name, body = encode(event)
         self._decision(EVENT, sequence, event.t_ns, name, body, event)
-        if isinstance(event, ViewTaken):
-            self.require(PTZ_IMAGE, event.view.frame)
+        match event:
+            case ViewTaken():
+                self.require(PTZ_IMAGE, event.view.frame)
+            case MatchFinished() | MatchFailed():
+                self._pictures.release(_match(event.match_id))
+            case _:
+                pass
 
     def command(self, sequence: int, t_ns: int, command: Command) -> None:
         """What the core answered to the event of this sequence number; errors as for :meth:`event`."""
         name, body = encode(command)
         self._decision(COMMAND, sequence, t_ns, name, body, command)
-        if isinstance(command, PinFrame | RunMatch):
-            self.require(FISHEYE_IMAGE, command.frame)
-        if isinstance(command, RunMatch):
-            self.require(PTZ_IMAGE, command.view.frame)
+        match command:
+            case PinFrame():
+                self.require(FISHEYE_IMAGE, command.frame)
+                self._pictures.use(_request(command.request_id), FISHEYE_IMAGE, command.frame)
+            case ReleaseFrames():
+                self._pictures.release(_request(command.request_id))
+            case RunMatch():
+                for topic, frame in ((FISHEYE_IMAGE, command.frame), (PTZ_IMAGE, command.view.frame)):
+                    self.require(topic, frame)
+                    self._pictures.use(_match(command.match_id), topic, frame)
+            case _:
+                pass
 
     def picture(self, topic: str, picture: Picture) -> None:
         """A picture with the camera's own bytes; the same one again is ignored.
@@ -165,22 +179,21 @@ class McapLog:
         """
         if topic not in self._counts:
             raise LogError(f"{topic}: no topic of pictures; there are {', '.join(IMAGES)}")
-        if self._late.seen(topic, picture):
+        if self._pictures.written(topic, picture.frame):
             return
+        self._pictures.add(topic, picture)
         turn = self._counts[topic]
         self._counts[topic] += 1
-        if self._late.is_wanted(topic, picture):
+        if self._pictures.wanted(topic, picture.frame):
             self._put_picture(topic, picture, droppable=False)
         elif topic == FISHEYE_IMAGE and turn % self._settings.fisheye_every_n:
             self._skipped += 1
-            self._late.skip(topic, picture)
         elif not self._put_picture(topic, picture, droppable=True):
             self._refused += 1
-            self._late.skip(topic, picture)
 
     def require(self, topic: str, frame: FrameRef) -> None:
-        """Make sure that this picture is in the log, even if it was skipped or comes later."""
-        picture = self._late.want(topic, frame)
+        """Make sure that this picture is in the present file, even if it was skipped or comes later."""
+        picture = self._pictures.want(topic, frame)
         if picture is not None:
             self._put_picture(topic, picture, droppable=False)
 
@@ -212,6 +225,8 @@ class McapLog:
         self._put(Cut())
         self._cuts += 1
         self.event(sequence, snapshot)
+        for topic, picture in self._pictures.begin_file():
+            self._put_picture(topic, picture, droppable=False)
 
     async def settled(self) -> None:
         """Wait until everything told so far is readable in a file, cuts included.
@@ -271,7 +286,7 @@ class McapLog:
             )
         )
         if taken:
-            self._late.wrote(topic, picture.frame)
+            self._pictures.wrote(topic, picture.frame)
         return taken
 
     def _put(self, item: Item) -> bool:
@@ -283,3 +298,13 @@ class McapLog:
         ):
             raise LogError(f"{item.topic}: a time outside 0 to 2^63 ns: {item.log_ns}, {item.publish_ns}")
         return self._inbox.put(item)
+
+
+def _request(name: str) -> str:
+    """Owner of the frames that a request pinned."""
+    return f"request {name}"
+
+
+def _match(match_id: int) -> str:
+    """Owner of the pictures that a match under way looks at."""
+    return f"match {match_id}"

@@ -166,8 +166,14 @@ def test_pages_of_requests_that_found_nothing(lock_log, rig, answer, look):
 def test_wild_boxes_are_drawn_without_harm(rig, lock, look):
     best = look.answer.result.candidates[0]
     wild = tuple((x * 1e9, -y * 1e9) for x, y in best.box_px)
+    nowhere = tuple((math.inf, math.nan) for _ in range(4))
     result = dataclasses.replace(
-        look.answer.result, candidates=(dataclasses.replace(best, box_px=wild), dataclasses.replace(best, box_px=()))
+        look.answer.result,
+        candidates=(
+            dataclasses.replace(best, box_px=wild),
+            dataclasses.replace(best, box_px=()),
+            dataclasses.replace(best, box_px=nowhere),
+        ),
     )
     answer = dataclasses.replace(look.answer, result=result)
     pixels = drawing.decode(lock.pictures[1][2])

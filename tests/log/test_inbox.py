@@ -3,7 +3,6 @@
 import threading
 
 from ptzd.log.inbox import Cut, Inbox, Record
-from ptzd.log.late import LatePictures
 from ptzd.log.protobuf import CompressedImage
 
 
@@ -43,17 +42,3 @@ def test_a_picture_is_serialised_when_it_is_written():
     image = CompressedImage(t_ns=1, frame_id="f", data=b"jpeg", format="jpeg")
     item = Record(topic="/ptz/image", log_ns=1, publish_ns=1, sequence=1, data=image)
     assert b"jpeg" in item.payload()
-
-
-def test_skipped_pictures_are_kept_for_their_time(picture):
-    late = LatePictures(1_000_000_000)
-    for seq in range(100):
-        late.skip("/fisheye/image", picture(seq))
-    assert len(late) == 31
-    assert late.want("/fisheye/image", picture(99).frame) == picture(99)
-    assert late.want("/fisheye/image", picture(1).frame) is None
-    assert late.is_wanted("/fisheye/image", picture(1))
-    late.wrote("/fisheye/image", picture(1).frame)
-    assert not late.is_wanted("/fisheye/image", picture(1))
-    assert late.want("/fisheye/image", picture(1).frame) is None
-    assert late.seen("/fisheye/image", picture(1))

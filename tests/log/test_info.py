@@ -102,6 +102,8 @@ def test_a_request_without_an_end_is_open():
 
 def test_times_of_day():
     assert clock_time(1_795_000_000_123_456_789) == "2026-11-18 11:06:40.123Z"
+    assert clock_time(-5) == "-5 ns"
+    assert clock_time(1 << 80) == f"{1 << 80} ns"
 
 
 def test_the_reader_and_the_summary_agree(lock_log):

@@ -35,8 +35,8 @@ async def test_writing_and_reading_are_far_above_what_cameras_send(settings, run
     read = time.perf_counter() - begin
     size = path.stat().st_size / 1e6
     print(
-        f"{size:.0f} MB: queued at {queued / COUNT * 1e6:.0f} us per frame and event, written at {size / written:.0f} MB/s, "
-        f"decisions read at {size / read:.0f} MB/s"
+        f"{size:.0f} MB: queued at {queued / COUNT * 1e6:.0f} us per frame and event, "
+        f"written at {size / written:.0f} MB/s, decisions read at {size / read:.0f} MB/s"
     )
     assert (stats.pictures, stats.pictures_dropped, decisions) == (COUNT, 0, COUNT)
     assert size / written > 20

@@ -203,7 +203,7 @@ BUSY = textwrap.dedent(
 
     async def main():
         jpeg = os.urandom(60_000)
-        settings = LogSettings(directory=sys.argv[1], min_free_bytes=0, rotate_s=0.7)
+        settings = LogSettings(directory=sys.argv[1], min_free_bytes=0, rotate_s=0.7, queue_frames=4096)
         run = RunInfo(rig="busy", config_text="", calibration_text="")
         async with McapLog(settings, run, Clock()) as log:
             for sequence in itertools.count():

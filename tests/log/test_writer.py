@@ -6,13 +6,13 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from ptzd.control.commands import MoveHead, PinFrame, StopHead
-from ptzd.control.events import Snapshot, ViewTaken
+from ptzd.control.commands import MoveHead, PinFrame, ReleaseFrames, RunMatch, StopHead
+from ptzd.control.events import MatchFailed, Snapshot, ViewTaken
 from ptzd.errors import LogError
 from ptzd.log.reader import LoggedCommand, LoggedEvent, LogReader
 from ptzd.log.topics import FISHEYE_IMAGE, IMAGES, PTZ_IMAGE
 from ptzd.log.writer import McapLog
-from ptzd.model import FrameRef, HeadReading, ViewRef
+from ptzd.model import Box, FrameRef, HeadReading, Matcher, ViewRef
 
 READING = HeadReading(pan_deg=1.25, tilt_deg=-3.5, zoom=1.0)
 
@@ -271,3 +271,49 @@ def test_frames_are_named_by_number_and_time(picture):
     one, other = picture(1), picture(1, t_ns=5)
     assert one.frame != other.frame
     assert one.frame == FrameRef(seq=1, t_capture_ns=one.frame.t_capture_ns)
+
+
+def run_match(picture, number, view):
+    return RunMatch(
+        match_id=number,
+        request_id="a",
+        frame=picture(1).frame,
+        box=Box(x=1.0, y=1.0, w=20.0, h=20.0),
+        view=ViewRef(frame=view.frame, reading=READING, sigma_deg=0.1),
+        inverse_range=(0.1, 1.0),
+        band_rad=0.01,
+        matcher=Matcher.SWEEP,
+        seed=1,
+    )
+
+
+async def test_a_file_that_begins_in_the_middle_of_a_request_has_its_pictures(settings, run, clock, picture, snapshot):
+    """The frame while the request lasts, a view while its match is under way, one that is used later at once."""
+    views = [picture(seq, t_ns=snapshot.t_ns + seq) for seq in (70, 71)]
+    async with McapLog(settings(rotate_s=1e-6), run, clock) as log:
+        sequence = 0
+
+        async def cut():
+            async with asyncio.timeout(5):
+                await until(log.rotate_due)
+            log.rotate(sequence, snapshot)
+
+        await cut()
+        log.picture(FISHEYE_IMAGE, picture(1))
+        log.command(1, snapshot.t_ns, PinFrame(request_id="a", frame=picture(1).frame))
+        log.picture(PTZ_IMAGE, views[0])
+        log.command(2, snapshot.t_ns, run_match(picture, 1, views[0]))
+        await cut()
+        log.event(3, MatchFailed(t_ns=snapshot.t_ns, match_id=1, reason="none"))
+        log.picture(PTZ_IMAGE, views[1])
+        await cut()
+        log.command(4, snapshot.t_ns, run_match(picture, 2, views[1]))
+        log.command(5, snapshot.t_ns, ReleaseFrames(request_id="a"))
+        log.event(6, MatchFailed(t_ns=snapshot.t_ns, match_id=2, reason="none"))
+        await cut()
+    assert [sorted(seq for _, seq in pictures(path)) for path in log.closed_files()] == [
+        [1, 70],
+        [1, 70, 71],
+        [1, 71],
+        [],
+    ]
