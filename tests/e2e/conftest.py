@@ -120,10 +120,13 @@ class Site:
                 await asyncio.sleep(0.01)
 
     @property
+    def statuses(self) -> list[Status]:
+        return [notice for notice in self.heard if isinstance(notice, Status)]
+
+    @property
     def status(self) -> Status:
         """As told last."""
-        told = (notice for notice in reversed(self.heard) if isinstance(notice, Status))
-        return next(told, Status(t_ns=0, state=""))
+        return next(reversed(self.statuses), Status(t_ns=0, state=""))
 
     @property
     def state(self) -> str:
