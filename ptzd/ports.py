@@ -37,6 +37,8 @@ class Picture:
     """Untouched bytes, complete from SOI to EOI."""
     lost_before: int = 0
     """Pictures known to be lost since the previous one."""
+    exposed_after_ns: int | None = None
+    """Earliest time of the exposure when it may have waited on its way; None when the stamp is the device's own."""
 
 
 class FrameSource(Protocol):

@@ -210,7 +210,9 @@ class VapixHead:
             count, _ = await polls.after(count)
 
     def _at_rest(self, picture: Picture, not_before_ns: int) -> ViewRef | None:
-        start_ns = picture.frame.t_capture_ns - HALF_EXPOSURE_NS
+        if picture.exposed_after_ns is None:
+            return None
+        start_ns = min(picture.frame.t_capture_ns - HALF_EXPOSURE_NS, picture.exposed_after_ns)
         end_ns = picture.frame.t_capture_ns + HALF_EXPOSURE_NS
         if start_ns < not_before_ns:
             return None

@@ -19,6 +19,8 @@ from ptzd.ports import Clock, Picture
 
 KEPT_PICTURES = 16
 PICTURES_PER_STALL = 3
+BURST_SHARE = 0.5
+"""Of the frame interval: pictures that come faster than this have waited in a queue on their way."""
 
 
 class ViewStream:
@@ -50,6 +52,8 @@ class ViewStream:
         self._backoff = Backoff(jitter)
         self._seq = 0
         self._lost = 0
+        self._interval_ns = round(1e9 / settings.fps)
+        self._last: Picture | None = None
         self._delivered_s = 0.0
         self._not_before_s = 0.0
 
@@ -90,11 +94,31 @@ class ViewStream:
             self._lost += 1
             return
         self._check_size(jpeg)
-        frame = FrameRef(seq=seq, t_capture_ns=arrival_ns - self._latency_ns)
-        self.feed.publish(Picture(frame=frame, t_arrival_ns=arrival_ns, jpeg=jpeg, lost_before=self._lost))
+        picture = Picture(
+            frame=FrameRef(seq=seq, t_capture_ns=arrival_ns - self._latency_ns),
+            t_arrival_ns=arrival_ns,
+            jpeg=jpeg,
+            lost_before=self._lost,
+            exposed_after_ns=self._exposed_after_ns(arrival_ns),
+        )
+        self._last = picture
+        self.feed.publish(picture)
         self._lost = 0
         self._delivered_s = asyncio.get_running_loop().time()
         self._backoff.reset()
+
+    def _exposed_after_ns(self, arrival_ns: int) -> int | None:
+        """Earliest time at which a picture that arrives now can have been exposed.
+
+        MJPEG carries no time, so a picture that a busy network or camera held back looks fresh. It is younger than the
+        one before it; and in a burst, which is a queue running empty, each is only as young as the first of them.
+        """
+        last = self._last
+        if last is None:
+            return None
+        if arrival_ns - last.t_arrival_ns < BURST_SHARE * self._interval_ns:
+            return last.exposed_after_ns
+        return last.frame.t_capture_ns
 
     def _check_size(self, jpeg: bytes) -> None:
         size = jpeg_size(jpeg)
