@@ -88,12 +88,12 @@ def _table() -> Table:
         )
     table |= _stays(SERVING, ev.DeviceWell)
     for state in SERVING:
-        ended = _NEXT_REQUEST if state in WORKING else frozenset({state})
-        table[state, ev.CancelReceived] = ended | {state}
-        table[state, ev.ControlReceived] = frozenset({state, State.HOME, State.SCAN, State.IDLE})
-        table[state, ev.HeadStopped] = frozenset({state, State.SCAN, State.IDLE})
-        table[state, ev.ForeignMotion] = ended | {State.IDLE if state is State.HOME else state}
-        table[state, ev.RequestReceived] = frozenset({state, State.SCAN}) | (ended if state in WORKING else frozenset())
+        dropped = frozenset({state, State.IDLE} if state in WORKING else {state})
+        table[state, ev.CancelReceived] = dropped
+        table[state, ev.ForeignMotion] = dropped | ({State.IDLE} if state is State.HOME else frozenset())
+        table[state, ev.ControlReceived] = frozenset({state, State.HOME, State.IDLE, State.SCAN})
+        table[state, ev.HeadStopped] = frozenset({state} if state in WORKING else {state, State.SCAN})
+        table[state, ev.RequestReceived] = dropped | {State.SCAN}
     scan_ends = _NEXT_REQUEST | {State.SCAN, State.MATCH, State.LOCK}
     for event in (ev.HeadStalled, ev.ViewTaken, ev.GrabFailed, ev.MatchFinished, ev.MatchFailed, ev.DeadlinePassed):
         table[State.SCAN, event] = scan_ends
@@ -136,24 +136,45 @@ def transition_arrows() -> list[tuple[State, State, list[str]]]:
     ]
 
 
+_SPOKEN = {
+    ev.RequestReceived: "request",
+    ev.UpdateReceived: "update",
+    ev.CancelReceived: "cancel",
+    ev.ControlReceived: "operator",
+    ev.ForeignMotion: "foreign motion",
+    ev.HeadArrived: "arrived",
+    ev.HeadStalled: "view",
+    ev.ViewTaken: "view",
+    ev.GrabFailed: "view",
+    ev.MatchFinished: "match",
+    ev.MatchFailed: "match",
+    ev.DeadlinePassed: "deadline",
+    ev.HeadStopped: "stopped",
+    ev.DeviceWell: "devices well",
+    ev.DeviceLost: "device lost",
+    ev.ShutdownRequested: "shutdown",
+}
+"""What an event is called in the diagram; taken, failed and stalled views are all "view"."""
+
+
 def mermaid() -> str:
     """The state diagram of README, generated from the table.
 
     Returns
     -------
     str
-        A Mermaid ``stateDiagram-v2``; arrows into FAULT and STOPPED are drawn once, from the group that has them all.
+        A Mermaid ``stateDiagram-v2``; the arrows into FAULT and STOPPED, which come from everywhere, are notes.
     """
+    names = {event.__name__: spoken for event, spoken in _SPOKEN.items()}
     lines = ["stateDiagram-v2", "    [*] --> STARTING"]
-    for start, end, names in transition_arrows():
-        if end in {State.FAULT, State.STOPPED} and start is not State.STARTING:
-            continue
-        lines.append(f"    {start} --> {end}: {', '.join(names)}")
+    for start, end, events in transition_arrows():
+        if end not in {State.FAULT, State.STOPPED}:
+            lines.append(f"    {start} --> {end}: {', '.join(sorted({names[event] for event in events}))}")
     serving = ", ".join(state for state in State if state in SERVING)
+    living = ", ".join(state for state in State if state in LIVING)
     lines += [
-        "    FAULT --> STOPPED: ShutdownRequested",
-        f"    note left of FAULT: DeviceLost leads here from {serving}",
-        f"    note right of STOPPED: ShutdownRequested leads here from {serving}",
+        f"    note left of FAULT: device lost leads here from {serving}",
+        f"    note right of STOPPED: shutdown leads here from {living}",
         "    STOPPED --> [*]",
     ]
     return "\n".join(lines)
