@@ -1,4 +1,4 @@
-.PHONY: install test check format demo clean
+.PHONY: install test check format demo figures bench-accuracy scenes deb rig-vm clean
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -26,6 +26,21 @@ format: install
 
 demo: install
 	$(BIN)/ptzd demo --out demo
+
+figures: install
+	$(BIN)/python -m tests.bench.figures --write
+
+bench-accuracy: install
+	$(BIN)/python -m tests.bench.accuracy
+
+scenes: install
+	$(BIN)/python scenes/render.py room --out build/scenes/room
+
+deb:
+	packaging/deb.sh
+
+rig-vm:
+	tests/rigvm/rig_vm.sh
 
 clean:
 	rm -rf $(VENV) build demo .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .coverage*
