@@ -1,6 +1,6 @@
 """Rough figures of one machine, measured: prints them and, with --write, puts them into README and docs/figures.json.
 
-    python -m tests.bench.figures [--write]
+python -m tests.bench.figures [--write]
 """
 
 from __future__ import annotations
@@ -49,18 +49,21 @@ async def rig_figures(scene: str, out: Path) -> dict[str, float]:
     """Run the demo's parts with a stopwatch on the daemon's process."""
     boxes = load_scene(scene).demo_boxes
     endpoint = f"tcp/127.0.0.1:{demo.free_port()}"
-    async with demo.simulator(scene, out, endpoint) as ready:
-        async with demo.daemon(out / "ptzd.yaml") as process, Client.open(endpoint, rig="demo") as client:
-            idle = await share(process.pid, asyncio.sleep(IDLE_S))
-            shots: list[demo.Shot] = []
+    async with (
+        demo.simulator(scene, out, endpoint) as ready,
+        demo.daemon(out / "ptzd.yaml") as process,
+        Client.open(endpoint, rig="demo") as client,
+    ):
+        idle = await share(process.pid, asyncio.sleep(IDLE_S))
+        shots: list[demo.Shot] = []
 
-            async def scan() -> None:
-                for item in boxes:
-                    box = (item.x, item.y, item.w, item.h)
-                    shots.append(await demo.shoot(client, str(ready["truth_url"]), item.name, box, lambda line: None))
+        async def scan() -> None:
+            for item in boxes:
+                box = (item.x, item.y, item.w, item.h)
+                shots.append(await demo.shoot(client, str(ready["truth_url"]), item.name, box, lambda line: None))
 
-            busy = await share(process.pid, scan())
-            memory = resident_mb(process.pid)
+        busy = await share(process.pid, scan())
+        memory = resident_mb(process.pid)
     errors = [shot.error_deg for shot in shots if shot.error_deg is not None]
     return {
         "cpu_idle_percent": 100 * idle,
@@ -93,9 +96,7 @@ def match_figures(log: Path) -> dict[str, float]:
             if isinstance(told, LoggedCommand) and isinstance(told.command, cmd.RunMatch)
         ]
         for matcher in Matcher:
-            times = [
-                match(inputs(job, reader, rig), matcher).elapsed_ms for job in jobs for _ in range(REPEATS)
-            ]
+            times = [match(inputs(job, reader, rig), matcher).elapsed_ms for job in jobs for _ in range(REPEATS)]
             found[f"{matcher}_ms_median"] = statistics.median(times)
         view = reader.picture("/ptz/image", jobs[0].view.frame)
         start = time.perf_counter()

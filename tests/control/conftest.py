@@ -14,12 +14,12 @@ from ptzd.control import events as ev
 from ptzd.control.machine import Machine
 from ptzd.control.states import State
 from ptzd.geometry.arc import EpipolarArc
-from ptzd.geometry.sphere import pan_tilt
-from ptzd.model import Box, Candidate, FrameRef, HeadLimits, HeadReading, MatchResult, ViewRef
 from ptzd.geometry.head import Axis, HeadModel
 from ptzd.geometry.rig import Rig, Uncertainty
+from ptzd.geometry.sphere import pan_tilt
 from ptzd.geometry.unified import UnifiedCamera
 from ptzd.geometry.zoom import ZoomEntry, ZoomTable
+from ptzd.model import Box, Candidate, FrameRef, HeadLimits, HeadReading, MatchResult, ViewRef
 
 
 @pytest.fixture(scope="session")

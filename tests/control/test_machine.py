@@ -115,7 +115,7 @@ def test_an_old_frame_is_stale(world) -> None:
 def test_the_same_id_again_changes_nothing(world) -> None:
     first = world.request("a")
     again = world.request("a", token=2)
-    assert [reply for reply in again if isinstance(reply, cmd.ReplyAccepted)][0].frame == first[1].frame
+    assert next(reply for reply in again if isinstance(reply, cmd.ReplyAccepted)).frame == first[1].frame
     assert len(again) == 1
     world.run()
     (ended,) = world.request("a", token=3)
