@@ -13,7 +13,6 @@ from ptzd.control.events import HeadPolled, MatchFinished
 from ptzd.errors import LogError
 from ptzd.geometry.rig import Rig
 from ptzd.log import evidence
-from ptzd.log.protobuf import decode_image
 from ptzd.log.reader import LoggedEvent, LogReader
 from ptzd.log.story import Stories, Story
 from ptzd.log.tables import match_document, result_document
@@ -115,7 +114,7 @@ def _collect(log: LogReader, pictures: Path | None) -> _Tables:
         pictures.mkdir(exist_ok=True)
     for entry in log.entries((EVENT, COMMAND, *IMAGES)):
         if entry.topic in IMAGES:
-            image = decode_image(entry.data)
+            image = log.image(entry)
             found.frames.append((entry.topic, entry.sequence, entry.publish_ns, entry.log_ns, len(image.data)))
             if pictures is not None:
                 stream = entry.topic.split("/")[1]

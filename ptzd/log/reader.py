@@ -17,7 +17,7 @@ from ptzd.control.events import Event
 from ptzd.errors import LogError
 from ptzd.log.codec import decode_command, decode_event
 from ptzd.log.file import U32
-from ptzd.log.protobuf import decode_image
+from ptzd.log.protobuf import CompressedImage, decode_image
 from ptzd.log.records import (
     MESSAGE_HEAD_BYTES,
     Frame,
@@ -230,7 +230,23 @@ class LogReader:
         place = self._index().get((topic, frame.seq & U32, frame.t_capture_ns))
         if place is None:
             raise LogError(f"{self.path}: {topic} has no picture {frame.seq} of {frame.t_capture_ns} ns")
-        return decode_image(bytes(self._content(place.frame)[place.start : place.end])).data
+        return self._image(topic, place.frame.start, bytes(self._content(place.frame)[place.start : place.end])).data
+
+    def image(self, entry: Entry) -> CompressedImage:
+        """Decode one entry of a topic of pictures.
+
+        Raises
+        ------
+        LogError
+            It is none.
+        """
+        return self._image(entry.topic, entry.log_ns, entry.data)
+
+    def _image(self, topic: str, place: int, message: bytes) -> CompressedImage:
+        try:
+            return decode_image(message)
+        except LogError as error:
+            raise LogError(f"{self.path}: {topic} at {place}: {error}") from None
 
     def has_picture(self, topic: str, frame: FrameRef) -> bool:
         """Whether :meth:`picture` finds it in this file."""

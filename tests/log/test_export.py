@@ -15,10 +15,11 @@ from ptzd.control import events as ev
 from ptzd.errors import LogError
 from ptzd.log import along, drawing, evidence
 from ptzd.log.export import bundle, export, page_name
+from ptzd.log.file import McapFile
 from ptzd.log.info import describe
 from ptzd.log.reader import LogReader
 from ptzd.log.story import Look, Story
-from ptzd.model import Box
+from ptzd.model import Box, FrameRef
 
 
 def rows(path):
@@ -109,6 +110,17 @@ def test_pictures_come_out_as_the_camera_sent_them(lock_log, tmp_path, lock):
     assert export(lock_log, tmp_path / "out", pictures=True).pictures == 2
     found = {path.name.split("-")[0]: path.read_bytes() for path in (tmp_path / "out" / "pictures").iterdir()}
     assert found == {topic.split("/")[1]: jpeg for topic, _, jpeg in lock.pictures}
+
+
+def test_a_damaged_picture_message_is_named_with_its_file(tmp_path, run, calibration_text):
+    file = McapFile(tmp_path / "odd.mcap", dataclasses.replace(run, calibration_text=calibration_text), 5)
+    file.open()
+    file.add("/ptz/image", 5, 5, 0, b"\x12\x7f")
+    file.finish()
+    with pytest.raises(LogError, match=r"odd\.mcap: /ptz/image at 5: picture message"):
+        export(file.path, tmp_path / "out")
+    with LogReader(file.path) as log, pytest.raises(LogError, match=r"odd\.mcap: /ptz/image"):
+        log.picture("/ptz/image", FrameRef(seq=0, t_capture_ns=5))
 
 
 def grey(lock, index):

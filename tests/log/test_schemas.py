@@ -4,6 +4,7 @@ import json
 from importlib import resources
 
 import pytest
+from foxglove.messages import CompressedImage
 from google.protobuf import descriptor_pb2
 from jsonschema import Draft7Validator
 
@@ -60,8 +61,14 @@ def test_every_topic_has_its_schema_and_every_schema_its_topic():
 def test_the_descriptor_of_pictures_is_complete(name):
     found = descriptor_pb2.FileDescriptorSet.FromString(topic(name).schema_bytes())
     assert [file.name for file in found.file] == ["google/protobuf/timestamp.proto", "foxglove/CompressedImage.proto"]
-    fields = {field.name: field.number for field in found.file[1].message_type[0].field}
-    assert fields == {"timestamp": 1, "data": 2, "format": 3, "frame_id": 4}
+    official = descriptor_pb2.FileDescriptorSet.FromString(CompressedImage.get_schema().data)
+    theirs = next(file for file in official.file if file.package == "foxglove")
+
+    def fields(file):
+        (message,) = file.message_type
+        return {(field.name, field.number, field.type, field.type_name, field.label) for field in message.field}
+
+    assert fields(found.file[1]) == fields(theirs)
 
 
 def test_an_unknown_topic_is_named():
