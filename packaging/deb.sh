@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Build the Debian package from the files that git tracks, in build/deb; print its path.
+# Build the Debian package of the last commit, in build/deb; print its path.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -7,9 +7,8 @@ version=$(sed -n 's/^__version__ = "\(.*\)"$/\1/p' ptzd/__init__.py)
 tree=build/deb/ptzd-$version
 rm -rf build/deb
 mkdir -p "$tree"
-git ls-files -z --cached | while IFS= read -r -d '' file; do
-    if [ -e "$file" ]; then printf '%s\0' "$file"; fi
-done | xargs -0 cp --parents --no-dereference --target-directory="$tree"
+git archive HEAD | tar --extract --directory="$tree"
+git diff --quiet HEAD || echo "changes that are not committed are not in the package" >&2
 
 export SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH:-$(git log -1 --format=%ct)}
 cat > "$tree/debian/changelog" <<CHANGELOG
