@@ -14,18 +14,15 @@ from ptzd.sim.auth import Gate, User
 from ptzd.sim.camera_http import CameraServer
 from ptzd.sim.certificate import Certificate, self_signed
 from ptzd.sim.clock import SimClock
-from ptzd.sim.faults import Fault, FaultBox, FaultKind
-from ptzd.sim.head import MoveTo
+from ptzd.sim.faults import Fault, FaultBox
 from ptzd.sim.imager import PtzEye
 from ptzd.sim.picture_cgi import PictureCgi
+from ptzd.sim.programs import Programs
 from ptzd.sim.scene import Scene
 from ptzd.sim.settings import SimSettings
 from ptzd.sim.stream import Darkroom, ShotLog
 from ptzd.sim.unit import Unit
 from ptzd.sim.wire import Listener, drop_connections
-
-HEARTBEAT_S = 0.05
-"""How often the camera's own programs look at the time."""
 
 
 class AxisCamera:
@@ -85,7 +82,8 @@ class AxisCamera:
             raise
         self.port = self._listeners[0].port
         self.https_port = self._listeners[1].port if settings.https else 0
-        self._spawn(self._programs(), "sim camera programs")
+        programs = Programs(self.unit, self.gate, self.faults, self.reboot)
+        self._spawn(programs.run(), "sim camera programs")
         return self
 
     async def __aexit__(
@@ -146,42 +144,3 @@ class AxisCamera:
         self.unit.go_home("start-up")
         await clock.sleep_until(clock.now_s() + boot_s / 2)
         self._server.restarted()
-
-    async def _programs(self) -> None:
-        """Do what the camera does by itself: overview, and faults whose time has come."""
-        clock = self.unit.clock
-        while True:
-            now_s = clock.now_s()
-            for fault in self.faults.due(now_s):
-                self._happen(fault)
-            overview_s = float(self.unit.parameters["PTZ.Various.V1.ReturnToOverview"])
-            if overview_s and now_s - self.unit.last_order_s >= overview_s and not self.unit.at_home():
-                self.unit.go_home("return to overview")
-            await clock.sleep_until(now_s + HEARTBEAT_S)
-
-    def _happen(self, fault: Fault) -> None:
-        now_s = self.unit.clock.now_s()
-        match fault.kind:
-            case FaultKind.REBOOT:
-                self.reboot()
-            case FaultKind.FOREIGN_MOVE:
-                self.unit.force(MoveTo(pan=fault.pan, tilt=fault.tilt, zoom=fault.zoom), "another user")
-            case FaultKind.RECALIBRATE:
-                self._spawn(self._recalibrate(), "sim recalibration")
-            case FaultKind.KNOCK:
-                self.unit.head.shift_zero(now_s, fault.pan or 0.0, fault.tilt or 0.0)
-            case FaultKind.FORGET_NONCES:
-                self.gate.forget_nonces()
-            case FaultKind.PARAMETER:
-                self.unit.parameters[fault.name] = fault.value
-            case _:
-                raise AssertionError(fault.kind)
-
-    async def _recalibrate(self) -> None:
-        clock, head, profile = self.unit.clock, self.unit.head, self.unit.profile
-        before = head.encoder(clock.now_s())
-        for pan, tilt in ((profile.pan.low, profile.tilt.low), (profile.pan.high, profile.tilt.high)):
-            self.unit.force(MoveTo(pan=pan, tilt=tilt, zoom=1), "recalibration")
-            while head.busy(clock.now_s()):
-                await clock.sleep_until(clock.now_s() + HEARTBEAT_S)
-        self.unit.force(MoveTo(pan=before.pan_deg, tilt=before.tilt_deg, zoom=before.zoom), "recalibration")

@@ -10,6 +10,7 @@ from aiohttp import web
 
 from ptzd.sim import device_cgi, ptz_cgi
 from ptzd.sim.auth import Gate, Policy, Role, User
+from ptzd.sim.control_queue import COOKIE, ControlQueue
 from ptzd.sim.events import EventStream, Tokens
 from ptzd.sim.faults import Fault, FaultBox, FaultKind, garbled
 from ptzd.sim.parameters import select
@@ -23,7 +24,7 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 USER = web.RequestKey("user", User)
 OPEN_PATHS = frozenset({"/axis-cgi/systemready.cgi"})
 """No credentials are asked for here."""
-WRITABLE = ("Image.", "PTZ.", "Network.HTTP.AuthenticationPolicy")
+WRITABLE = ("GuardTour.", "Image.", "PTZ.", "Network.HTTP.AuthenticationPolicy")
 
 
 class CameraServer:
@@ -48,6 +49,7 @@ class CameraServer:
         self._faults = faults
         self._reboot = reboot
         self._tokens = Tokens(unit.clock)
+        self._queue = ControlQueue(int(unit.parameters["PTZ.Various.V1.CtlQueueLimit"]))
         self.events = EventStream(unit)
         self.ready = True
         self.boot_id = f"{unit.settings.seed:08x}-0001"
@@ -164,10 +166,16 @@ class CameraServer:
         user = request[USER]
         if not user.ptz:
             return html(403, "Forbidden")
+        cookie = request.cookies.get(COOKIE)
+        queueing = self._unit.flag("PTZ.Various.V1.CtlQueueing")
+        if queueing and cookie is None:
+            return _with_cookie(request)
         try:
-            checked = parse(await _arguments(request))
+            checked = parse(await _arguments(request), zoom_max=int(self._unit.profile.zoom.high))
         except PtzSyntax as refusal:
             return plain(error(str(refusal)))
+        if queueing and not checked.only_asks and not self._in_control(cookie or "", user):
+            return plain(error("Camera is controlled by another user"))
         reply = ptz_cgi.answer(self._unit, checked, user)
         return plain(reply.text, status=reply.status, content_type=reply.content_type)
 
@@ -181,8 +189,24 @@ class CameraServer:
     async def _ptz_queue(self, request: web.Request) -> web.StreamResponse:
         if not self._unit.flag("PTZ.Various.V1.CtlQueueing"):
             return plain(error("Control queue is disabled"))
+        cookie = request.cookies.get(COOKIE)
+        if cookie is None:
+            return _with_cookie(request)
+        wish, now_s = dict(await _arguments(request)).get("control"), self._unit.clock.now_s()
+        if wish == "drop":
+            self._queue.drop(cookie, now_s)
+        elif wish == "request" and not self._queue.request(cookie, request[USER].role, now_s):
+            return plain(error("Control queue is full"))
+        elif wish not in ("request", "query"):
+            return plain(error("control: invalid value"))
+        place, wait_s = self._queue.query(cookie, now_s)
         poll_s = self._unit.parameters["PTZ.Various.V1.CtlQueuePollTime"]
-        return plain(f'<a name="1"></a><a name="0"></a><a name="{poll_s}"></a>', content_type="text/html")
+        text = f'<a name="{place}"></a><a name="{wait_s}"></a><a name="{poll_s}"></a>'
+        return plain(text, content_type="text/html")
+
+    def _in_control(self, cookie: str, user: User) -> bool:
+        now_s = self._unit.clock.now_s()
+        return self._queue.request(cookie, user.role, now_s) and self._queue.control(cookie, now_s)
 
     async def _param(self, request: web.Request) -> web.StreamResponse:
         arguments = dict(await _arguments(request))
@@ -240,6 +264,12 @@ async def _arguments(request: web.Request) -> list[tuple[str, str]]:
         body = (await request.read()).decode("utf-8", "replace")
         pairs += parse_qsl(body, keep_blank_values=True)
     return pairs
+
+
+def _with_cookie(request: web.Request) -> web.Response:
+    """Send a client that has no name in the queue once round with one."""
+    headers = [("Location", request.raw_path), ("Set-Cookie", f"{COOKIE}={ControlQueue.new_cookie()}; path=/")]
+    return html(302, "Found", headers=headers)
 
 
 async def _message(request: web.Request) -> dict[str, object]:

@@ -14,7 +14,7 @@ from ptzd.sim.unit import Unit
 
 TOKEN_LIFE_S = 15.0
 MOVE_TOPIC = "tns1:PTZController/tnsaxis:Move/Channel_1"
-LOOK_S = 0.01
+LOOK_S = 0.02
 """How often the motors are looked at while somebody listens."""
 
 

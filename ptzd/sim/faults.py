@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 import yaml
@@ -69,6 +69,8 @@ PICTURE_KINDS = frozenset({FaultKind.STALL, FaultKind.TRUNCATE, FaultKind.SHORT,
 """Hit pictures."""
 REQUEST_KINDS = frozenset(FaultKind) - ONCE_KINDS - PICTURE_KINDS
 """Hit requests."""
+FISHEYE_KINDS = PICTURE_KINDS | {FaultKind.HANG, FaultKind.RESET, FaultKind.SLOW, FaultKind.STATUS}
+"""What a fisheye can suffer."""
 
 
 class Fault(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -83,8 +85,7 @@ class Fault(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Pattern on path and query, e.g. ``*/ptz.cgi*query=position*``."""
     count: Annotated[int, Meta(ge=1)] | None = None
     """How many requests (or pictures) it hits."""
-    device: str = "ptz"
-    """``ptz`` or ``fisheye``."""
+    device: Literal["ptz", "fisheye"] = "ptz"
     status: int = 503
     delay_s: float = 1.0
     pan: float | None = None

@@ -117,6 +117,8 @@ class FisheyeCamera:
                 return abort(request)
             case FaultKind.HANG:
                 await asyncio.Event().wait()
+            case FaultKind.SLOW if fault:
+                await self._clock.sleep_until(self._clock.now_s() + fault.delay_s)
             case FaultKind.STATUS if fault:
                 return html(fault.status, "Refused")
             case _:

@@ -23,7 +23,7 @@ _QUEUE = (
     ("Event", 20, 20, "activity"), ("Autotracking", 35, 60, "infinity"), ("Guardtour", 40, 60, "infinity"),
     ("Onvif", 0, 60, "infinity"),
 )  # fmt: skip
-VIEWER_GROUPS = ("Brand", "Image", "ImageSource", "PTZ", "Properties")
+VIEWER_GROUPS = ("Brand", "GuardTour", "Image", "ImageSource", "PTZ", "Properties")
 """Groups that a viewer may read."""
 
 
@@ -32,6 +32,7 @@ def factory_parameters(profile: Profile) -> dict[str, str]:
     return {
         **_brand(profile),
         **_image(profile),
+        **_guard_tour(),
         "Network.HTTP.AuthenticationPolicy": "recommended",
         **_properties(profile),
         **_ptz(profile),
@@ -73,6 +74,26 @@ def _image(profile: Profile) -> dict[str, str]:
         "Image.I0.Stream.FPS": "0",
         "Image.I0.Stream.NbrOfFrames": "0",
         "ImageSource.NbrOfSources": "1",
+    }
+
+
+def _guard_tour() -> dict[str, str]:
+    """One guard tour over the first two presets, not running."""
+    tour = "GuardTour.G0"
+    steps = {}
+    for number in range(2):
+        steps[f"{tour}.Tour.T{number}.MoveSpeed"] = "70"
+        steps[f"{tour}.Tour.T{number}.Position"] = str(number + 1)
+        steps[f"{tour}.Tour.T{number}.PresetNbr"] = str(number + 1)
+        steps[f"{tour}.Tour.T{number}.WaitTime"] = "10"
+        steps[f"{tour}.Tour.T{number}.WaitTimeViewType"] = "Seconds"
+    return {
+        f"{tour}.CamNbr": "1",
+        f"{tour}.Name": "Guard tour 1",
+        f"{tour}.RandomEnabled": "no",
+        f"{tour}.Running": "no",
+        f"{tour}.TimeBetweenSequences": "1",
+        **steps,
     }
 
 
@@ -149,7 +170,7 @@ def _ptz_user(profile: Profile) -> dict[str, str]:
     return {
         "PTZ.UserAdv.U1.AdjustableZoomSpeedEnabled": "true",
         "PTZ.UserAdv.U1.AutoFlip": "false",
-        "PTZ.UserAdv.U1.CameraHousingConfiguration": "default",
+        "PTZ.UserAdv.U1.CameraHousingConfiguration": "inverted" if profile.reversed_mount else "default",
         "PTZ.UserAdv.U1.DeviceModVer": "model:0467, version:0310",
         "PTZ.UserAdv.U1.DeviceStatus": "cam=ok,pan=ok,tilt=ok",
         "PTZ.UserAdv.U1.ImageFreeze": "off",

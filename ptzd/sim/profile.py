@@ -51,7 +51,7 @@ class Timing:
     latency_s: float = 0.12
     """Mean time from an accepted command to motion."""
     latency_sigma_s: float = 0.04
-    latency_bounds_s: tuple[float, float] = (0.06, 0.25)
+    latency_bounds_s: tuple[float, float] = (0.08, 0.20)
     serialise_s: float = 0.0
     """Least time between two commands taken up; > 0: commands wait in a buffer (old drivers)."""
     report_refresh_s: float = 0.07

@@ -11,7 +11,7 @@ QUERIES = (
     "speed", "position", "limits", "mode", "presetposall", "presetposcam", "presetposcamdata", "auxiliary",
     "attributes",
 )  # fmt: skip
-ZOOM_RANGE = (1, 9999)
+DIGITAL_ZOOM_MAX = 19999
 
 
 class PtzSyntax(Exception):
@@ -36,6 +36,11 @@ class PtzRequest:
     """Checked arguments by name; absent ones are absent."""
 
     values: dict[str, Value] = field(default_factory=dict)
+
+    @property
+    def only_asks(self) -> bool:
+        """Whether nothing is to be moved or set."""
+        return self.values.keys() <= {"camera", "query", "whoami", "info", "format", "group"}
 
     def number(self, name: str) -> float | None:
         """A number, or None when absent."""
@@ -118,8 +123,10 @@ _YES = _word("1", "yes", "true")
 _ON_OFF = _word("on", "off")
 _PERCENT = _number(-100, 100)
 _PIXEL = _number(-1e5, 1e5)
-_STEP = _whole(*ZOOM_RANGE)
+_STEP = _whole(1, 9999)
 _STEPS = _whole(-9999, 9999)
+_ZOOM = _whole(1, DIGITAL_ZOOM_MAX)
+_ZOOM_STEPS = _whole(-DIGITAL_ZOOM_MAX, DIGITAL_ZOOM_MAX)
 
 ARGUMENTS: dict[str, Check] = {
     "camera": _text,
@@ -133,13 +140,13 @@ ARGUMENTS: dict[str, Check] = {
     "move": _word(*MOVES),
     "pan": _number(-180, 180),
     "tilt": _number(-180, 180),
-    "zoom": _STEP,
+    "zoom": _ZOOM,
     "focus": _STEP,
     "iris": _STEP,
     "brightness": _STEP,
     "rpan": _number(-360, 360),
     "rtilt": _number(-360, 360),
-    "rzoom": _STEPS,
+    "rzoom": _ZOOM_STEPS,
     "rfocus": _STEPS,
     "riris": _STEPS,
     "rbrightness": _STEPS,
@@ -170,7 +177,7 @@ IGNORED = frozenset({"html", "timestamp"})
 """Undocumented arguments that Axis' own page sends."""
 
 
-def parse(pairs: Iterable[tuple[str, str]], cameras: int = 1) -> PtzRequest:
+def parse(pairs: Iterable[tuple[str, str]], *, cameras: int = 1, zoom_max: int = 9999) -> PtzRequest:
     """Check name-value pairs in their order; the last of equal names counts.
 
     Raises
@@ -189,6 +196,10 @@ def parse(pairs: Iterable[tuple[str, str]], cameras: int = 1) -> PtzRequest:
         except ValueError:
             raise PtzSyntax(name, "invalid value") from None
     _check_camera(values, cameras)
+    for name in ("zoom", "rzoom"):
+        value = values.get(name)
+        if isinstance(value, int) and abs(value) > zoom_max:
+            raise PtzSyntax(name, "invalid value")
     return PtzRequest(values=values)
 
 

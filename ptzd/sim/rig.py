@@ -8,6 +8,7 @@ from contextlib import AsyncExitStack
 from functools import partial
 from types import TracebackType
 
+from ptzd.geometry.unified import UnifiedCamera
 from ptzd.sim.camera import AxisCamera
 from ptzd.sim.clock import SimClock, WallClock
 from ptzd.sim.faults import Fault, read_script
@@ -21,7 +22,7 @@ from ptzd.sim.truth_http import TruthServer, arm
 
 
 class SimRig:
-    """``async with SimRig(settings) as rig`` starts everything; leaving stops everything.
+    """``async with SimRig(settings) as rig`` loads the scene and starts everything; leaving stops everything.
 
     Parameters
     ----------
@@ -37,39 +38,55 @@ class SimRig:
         ``camera.url``, ``camera.inject(fault)``, ``camera.reboot()``, ``camera.unit`` (parameters, head).
     fisheye : FisheyeCamera
         ``fisheye.url``, ``fisheye.unplug()``, ``fisheye.plug_in()``.
+
+    Raises
+    ------
+    SimulationError
+        When started: unknown scene or profile, wrong fault script, port in use.
     """
+
+    scene: Scene
+    camera: AxisCamera
+    fisheye: FisheyeCamera
+    truth: TruthServer
+    fisheye_camera: UnifiedCamera
+    """The lens."""
 
     def __init__(self, settings: SimSettings, *, scene: Scene | None = None, clock: SimClock | None = None) -> None:
         self.settings = settings
         self.clock = clock or WallClock()
-        self.scene = scene or load_scene(settings.scene)
         self.profile = profile(settings.profile)
         self.head = head_model(settings.mount or self.profile.mount, self.profile)
-        self.fisheye_camera = fisheye_camera(self.scene.camera, settings.fisheye_size_px)
-        self.camera = AxisCamera(settings, self.scene, self.head, self.clock)
-        self._script = read_script(settings.faults) if settings.faults else []
+        self._loaded = scene
         self._stack = AsyncExitStack()
 
     async def __aenter__(self) -> SimRig:
+        settings, run = self.settings, asyncio.get_running_loop().run_in_executor
+        script = await run(None, read_script, settings.faults) if settings.faults else []
+        self.scene = await run(None, load_scene, settings.scene) if self._loaded is None else self._loaded
+        self.fisheye_camera = fisheye_camera(self.scene.camera, settings.fisheye_size_px)
         draw = partial(fisheye_picture, self.scene, self.fisheye_camera)
         async with AsyncExitStack() as stack:
-            await stack.enter_async_context(self.camera)
-            fisheye = FisheyeCamera(self.settings, draw, self.fisheye_camera, self.clock)
+            camera = AxisCamera(settings, self.scene, self.head, self.clock)
+            self.camera = await stack.enter_async_context(camera)
+            fisheye = FisheyeCamera(settings, draw, self.fisheye_camera, self.clock)
             self.fisheye = await stack.enter_async_context(fisheye)
-            truth = TruthServer(
-                self.camera,
-                self.fisheye,
-                self.scene,
-                direction=self.direction,
-                calibration=self.calibration_text(),
-                host=self.settings.host,
-                port=self.settings.truth_port,
-            )
-            self.truth = await stack.enter_async_context(truth)
+            self.truth = await stack.enter_async_context(self._truth_server())
+            for fault in script:
+                self.inject(fault)
             self._stack = stack.pop_all()
-        for fault in self._script:
-            self.inject(fault)
         return self
+
+    def _truth_server(self) -> TruthServer:
+        return TruthServer(
+            self.camera,
+            self.fisheye,
+            self.scene,
+            direction=self.direction,
+            calibration=self.calibration_text(),
+            host=self.settings.host,
+            port=self.settings.truth_port,
+        )
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

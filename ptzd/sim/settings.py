@@ -73,6 +73,8 @@ class SimSettings:
     """The camera's time to say no to a wrong password."""
     e_flip_tilt_deg: float | None = None
     """Lower tilt limit past -90 with the picture turned there (domes); None: no E-flip."""
+    digital_zoom: bool = False
+    """Zoom goes on to 19999 by cropping."""
     auto_exposure: bool = False
     """A gain step that fades after each larger move."""
     mount: Mount | None = None

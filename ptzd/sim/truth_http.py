@@ -1,7 +1,8 @@
 """The side channel: what is true of the rig, over HTTP on a port of its own. Never part of what a camera answers.
 
 ====================  =============================================================================================
-``/truth/pose``       true, encoder and reported pose now (``?t_ns=`` for a moment of the last two minutes)
+``/truth/pose``       true, encoder and reported pose now (``?t_ns=`` for a moment of the last two minutes); when the
+                      optics come to rest by what is ordered so far, swing included (null while that is unknown)
 ``/truth/direction``  ``?x=&y=``: where the head has to look for a fisheye pixel
 ``/truth/frame``      ``?sha256=``: exposure time and true pose of a PTZ picture with these bytes
 ``/truth/frames``     the latest PTZ pictures
@@ -16,6 +17,7 @@ Times are ns since the epoch on the simulator's clock; ``monotonic_ns`` is the m
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from types import TracebackType
@@ -25,7 +27,7 @@ from aiohttp import web
 
 from ptzd.errors import SimulationError
 from ptzd.sim.camera import AxisCamera
-from ptzd.sim.faults import Fault
+from ptzd.sim.faults import FISHEYE_KINDS, Fault, FaultKind
 from ptzd.sim.fisheye import FisheyeCamera
 from ptzd.sim.head import Pose
 from ptzd.sim.optics import hfov_deg
@@ -106,7 +108,7 @@ class TruthServer:
     def pose_document(self, t_s: float) -> Document:
         """True, encoder and reported pose at a moment."""
         unit = self._camera.unit
-        optical = unit.head.optical(t_s)
+        optical, rest_s = unit.head.optical(t_s), unit.head.rest_s(t_s)
         return {
             "t_ns": int(t_s * 1e9),
             "monotonic_ns": time.monotonic_ns() + int((t_s - unit.clock.now_s()) * 1e9),
@@ -114,6 +116,7 @@ class TruthServer:
             "hfov_deg": hfov_deg(unit.profile, optical.zoom, unit.settings.ptz_size_px),
             "moving": unit.head.moving(t_s),
             "busy": unit.head.busy(t_s),
+            "rest_ns": int(rest_s * 1e9) if math.isfinite(rest_s) else None,
             "encoder": _pose(unit.head.encoder(t_s)),
             "reported": _pose(unit.head.reported(t_s)),
         }
@@ -165,9 +168,9 @@ class TruthServer:
     async def _fault(self, request: web.Request) -> web.Response:
         try:
             fault = msgspec.json.decode(await request.read(), type=Fault)
-        except (msgspec.ValidationError, msgspec.DecodeError) as error:
+            arm(fault, self._camera, self._fisheye)
+        except (msgspec.ValidationError, msgspec.DecodeError, SimulationError) as error:
             return _json({"error": str(error)}, status=400)
-        arm(fault, self._camera, self._fisheye)
         return _json({"armed": fault.kind.value})
 
     async def _no_fault(self, _request: web.Request) -> web.Response:
@@ -177,9 +180,23 @@ class TruthServer:
 
 
 def arm(fault: Fault, camera: AxisCamera, fisheye: FisheyeCamera) -> None:
-    """Give a fault to its device."""
+    """Give a fault to its device.
+
+    Raises
+    ------
+    SimulationError
+        When that device cannot have it, or the parameter to be set does not exist.
+    """
+    if fault.device == "fisheye" and fault.kind not in FISHEYE_KINDS:
+        raise SimulationError(f"kind: a fisheye cannot have {fault.kind.value!r}; it can have {_names(FISHEYE_KINDS)}")
+    if fault.kind is FaultKind.PARAMETER and fault.name not in camera.unit.parameters:
+        raise SimulationError(f"name: the camera has no parameter {fault.name!r}; param.cgi lists them")
     box = fisheye.faults if fault.device == "fisheye" else camera.faults
     box.add(fault, camera.unit.clock.now_s())
+
+
+def _names(kinds: frozenset[FaultKind]) -> str:
+    return ", ".join(sorted(kind.value for kind in kinds))
 
 
 def _pose(pose: Pose) -> Document:

@@ -12,6 +12,7 @@ from ptzd.sim.head import Head, MoveBy, MoveTo, Order, Pose, Turn, ZoomRun
 from ptzd.sim.motion import AxisSpec
 from ptzd.sim.parameters import factory_parameters, limits
 from ptzd.sim.profile import Profile, profile
+from ptzd.sim.ptz_request import DIGITAL_ZOOM_MAX
 from ptzd.sim.settings import SimSettings
 
 ORDERS_KEPT = 1000
@@ -50,11 +51,12 @@ class Unit:
     def __init__(self, settings: SimSettings, clock: SimClock) -> None:
         self.settings = settings
         self.clock = clock
-        self.profile = _with_home(profile(settings.profile), settings)
+        self.profile = _adapted(profile(settings.profile), settings)
         self.parameters = factory_parameters(self.profile)
         self.parameters["Network.HTTP.AuthenticationPolicy"] = settings.policy.value
         tilt = _flipping(self.profile.tilt, settings)
         self.limits = limits(self.profile, e_flip_tilt_deg=settings.e_flip_tilt_deg)
+        self.parameters["PTZ.Support.S1.DigitalZoom"] = str(settings.digital_zoom).lower()
         self.parameters |= {f"PTZ.Limit.L1.{key}": value for key, value in self.limits.items()}
         self.head = Head(self.profile, seed=settings.seed, t_s=clock.now_s(), tilt_spec=tilt)
         self.presets = {1: Preset(name="Home", **dict(zip(("pan", "tilt", "zoom"), self.profile.home, strict=True)))}
@@ -177,7 +179,10 @@ class Unit:
         return self.head.reported(self.clock.now_s())
 
 
-def _with_home(kind: Profile, settings: SimSettings) -> Profile:
+def _adapted(kind: Profile, settings: SimSettings) -> Profile:
+    """The profile with what the settings change of it."""
+    if settings.digital_zoom:
+        kind = replace(kind, zoom=replace(kind.zoom, high=DIGITAL_ZOOM_MAX))
     return kind if settings.home is None else replace(kind, home=settings.home)
 
 

@@ -69,13 +69,22 @@ class Listener:
         self._host = host
         self._tls = tls
         self._site: web.SockSite | None = None
-        if port:
-            _bound(host, port, shared=False).close()
-        self._reserved = _bound(host, port, shared=True)
-        self.port: int = self._reserved.getsockname()[1]
+        self._reserved: socket.socket | None = None
+        self.port = port
 
     async def open(self) -> None:
-        """Start to listen."""
+        """Start to listen; the first time, reserve the port.
+
+        Raises
+        ------
+        SimulationError
+            When the port is taken, with host and port.
+        """
+        if self._reserved is None:
+            if self.port:
+                _bound(self._host, self.port, shared=False).close()
+            self._reserved = _bound(self._host, self.port, shared=True)
+            self.port = self._reserved.getsockname()[1]
         self._site = web.SockSite(self._runner, _bound(self._host, self.port, shared=True), ssl_context=self._tls)
         await self._site.start()
 
@@ -87,7 +96,8 @@ class Listener:
 
     def close(self) -> None:
         """Give the port back."""
-        self._reserved.close()
+        if self._reserved is not None:
+            self._reserved.close()
 
 
 def _bound(host: str, port: int, *, shared: bool) -> socket.socket:

@@ -88,11 +88,13 @@ async def start(room: Scene) -> AsyncIterator[Start]:
     async with AsyncExitStack() as stack:
 
         async def begin(*, rate: float = 1.0, **changes: object) -> Visitor:
-            settings = SimSettings(**{"profile": "v5915", **changes})
+            settings = SimSettings(**{"profile": "v5915", "fisheye_size_px": (320, 240), **changes})
             rig = await stack.enter_async_context(SimRig(settings, scene=room, clock=WallClock(rate)))
             login = aiohttp.DigestAuthMiddleware(settings.user, settings.password)
             connector = aiohttp.TCPConnector(ssl=False)
-            session = aiohttp.ClientSession(middlewares=(login,), connector=connector)
+            session = aiohttp.ClientSession(
+                middlewares=(login,), connector=connector, cookie_jar=aiohttp.CookieJar(unsafe=True)
+            )
             await stack.enter_async_context(session)
             return Visitor(rig, session, await stack.enter_async_context(aiohttp.ClientSession()))
 

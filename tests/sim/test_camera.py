@@ -8,6 +8,7 @@ import pytest
 
 from ptzd.errors import SimulationError
 from ptzd.sim.auth import Policy, Role, User
+from ptzd.sim.clock import VirtualClock
 from ptzd.sim.faults import Fault, FaultKind
 from ptzd.sim.rig import SimRig
 from ptzd.sim.settings import SimSettings
@@ -253,3 +254,45 @@ async def test_hundred_keep_alive_requests_one_connection(visitor):
             async with session.get(visitor.rig.camera_url + PTZ, params={"query": "speed"}) as reply:
                 assert reply.status == 200
                 assert reply.headers.get("Connection", "keep-alive") == "keep-alive"
+
+
+async def test_a_guard_tour_walks_the_presets_until_it_is_stopped(start):
+    visitor = await start(rate=20.0)
+    unit = visitor.rig.camera.unit
+    await visitor.ptz(pan=30)
+    await visitor.rest()
+    await visitor.ptz(setserverpresetname="Gate")
+    visitor.rig.inject(Fault(kind=FaultKind.PARAMETER, name="GuardTour.G0.Running", value="yes"))
+    await visitor.until(lambda: [order.source for order in unit.orders].count("guard tour") >= 3)
+    unit.parameters["GuardTour.G0.Running"] = "no"
+    targets = [order.order.pan for order in unit.orders if order.source == "guard tour"]
+    assert targets[:3] == [0, 30, 0]
+
+
+async def test_digital_zoom_goes_on_where_it_is_wanted_only(start):
+    visitor, plain = await start(digital_zoom=True, rate=10.0), await start()
+    assert (await visitor.ptz(query="limits")).values["MaxZoom"] == "19999"
+    await visitor.ptz(zoom=19999)
+    await visitor.rest()
+    assert (await visitor.position())["zoom"] == 19999
+    fields = [float((await side.truth("/truth/pose"))["hfov_deg"]) for side in (visitor, plain)]
+    assert fields[0] < 1.2
+    assert (await plain.ptz(zoom=10000)).text == "Error:\r\nzoom: invalid value\r\n"
+
+
+async def test_on_a_virtual_clock_time_passes_by_hand(room):
+    clock = VirtualClock()
+    login = aiohttp.DigestAuthMiddleware("ptzd", "pan-tilt-zoom")
+    async with (
+        SimRig(SimSettings(), scene=room, clock=clock) as rig,
+        aiohttp.ClientSession(middlewares=(login,)) as session,
+    ):
+        url = rig.camera_url + PTZ
+        async with session.get(url, params={"pan": "100", "speed": "40"}) as reply:
+            assert reply.status == 204
+        for _ in range(2):
+            async with session.get(url, params={"query": "position"}) as reply:
+                assert (await reply.text()).startswith("pan=0.0000")
+        clock.advance(15.0)
+        async with session.get(url, params={"query": "position"}) as reply:
+            assert (await reply.text()).startswith("pan=100.0000")

@@ -1,7 +1,7 @@
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ptzd.sim.head import Head, MoveBy, MoveTo, Turn, ZoomRun
@@ -38,16 +38,17 @@ def test_an_absolute_move_arrives_within_the_quantum(name, pan, tilt, zoom, seed
     assert abs(optics.tilt_deg - report.tilt_deg) <= kind.quantum_deg + 6 * kind.repeat_sigma_deg
 
 
+@settings(max_examples=40)
 @given(name=profiles, pan=st.floats(-150, 150))
 def test_nothing_moves_before_the_latency_and_reports_lag_behind(name, pan):
     kind = profile(name)
     head = Head(kind, seed=3, t_s=START_S)
     taken_up = head.submit(START_S, MoveTo(pan=pan))
     low, high = kind.timing.latency_bounds_s
-    assert low <= taken_up - START_S <= high
+    assert low - 1e-9 <= taken_up - START_S <= high + 1e-9
     assert head.encoder(taken_up - 1e-3).pan_deg == 0
-    for number in range(100):
-        t = taken_up + number * 0.02
+    for number in range(40):
+        t = taken_up + number * 0.05
         ages = [kind.timing.report_lag_s, kind.timing.report_lag_s + kind.timing.report_refresh_s]
         seen = head.reported(t).pan_deg
         ends = [head.encoder(t - age).pan_deg for age in ages]

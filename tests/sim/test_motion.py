@@ -79,7 +79,7 @@ def test_any_series_of_orders_moves_smoothly_inside_the_stops(orders):
         assert axis.position(now) == pytest.approx(before, abs=1e-9)
         assert axis.optical(now) == pytest.approx(swing, abs=1e-9)
     axis.brake(now + 3.0)
-    for t in samples(0.0, now + 5.0, 500):
+    for t in samples(0.0, now + 5.0, 150):
         assert LIMITED.low <= axis.optical(t) <= LIMITED.high
         assert LIMITED.low - 1e-6 <= axis.position(t) <= LIMITED.high + 1e-6
         assert abs(axis.velocity(t)) <= LIMITED.v_max + 1e-6

@@ -16,7 +16,7 @@ from ptzd.sim.faults import Fault, FaultKind
 from ptzd.sim.optics import camera_at
 from ptzd.sim.profile import PROFILES
 from ptzd.sim.rig import SimRig, serve
-from ptzd.sim.rig_truth import calibration_text, fisheye_camera
+from ptzd.sim.rig_truth import calibration_text, direction, fisheye_camera, head_model
 from ptzd.sim.scene import load_scene
 from ptzd.sim.settings import CalibrationError, SimSettings
 
@@ -67,7 +67,7 @@ def test_errors_of_the_calibration_are_stated_as_asked_for(room):
 @pytest.mark.parametrize("name", sorted(PROFILES))
 async def test_the_head_told_the_true_direction_has_the_target_on_its_axis(start, room, name):
     """Truth → camera degrees → calibration: the optical axis points at the surface that the fisheye sees."""
-    visitor = await start(profile=name)
+    visitor = await start(profile=name, fisheye_size_px=None)
     calibration = read_rig((await visitor.get(f"{visitor.rig.truth_url}/truth/calibration")).text, "rig.yaml")
     for box in room.demo_boxes:
         x, y = box.centre_px
@@ -95,6 +95,7 @@ async def test_truth_knows_the_past_and_is_no_part_of_the_camera(visitor):
     now = await visitor.truth("/truth/pose")
     then = await visitor.truth("/truth/pose", t_ns=now["t_ns"] - int(1e9))
     assert now["encoder"]["pan_deg"] == 20
+    assert now["rest_ns"] < now["t_ns"]
     assert now["hfov_deg"] == pytest.approx(62.3, abs=0.5)
     assert then["t_ns"] == pytest.approx(now["t_ns"] - 1e9, abs=1e3)
     assert (await visitor.get("/truth/pose")).status == 404
@@ -113,7 +114,7 @@ async def test_a_fault_can_be_ordered_over_the_side_channel(visitor):
 
 
 async def test_the_fisheye_streams_the_scene_through_its_lens(start, room):
-    visitor = await start(fisheye_fps=20.0, fisheye_noise_sigma=0.0)
+    visitor = await start(fisheye_fps=20.0, fisheye_noise_sigma=0.0, fisheye_size_px=None)
     async with visitor.side.get(visitor.rig.fisheye_url) as reply:
         assert reply.headers["Content-Type"] == "multipart/x-mixed-replace; boundary=myboundary"
         body = b""
@@ -143,7 +144,7 @@ async def test_an_unplugged_fisheye_is_gone_and_comes_back(visitor):
 
 @pytest.mark.parametrize("kind", [FaultKind.RESET, FaultKind.STATUS, FaultKind.HANG])
 async def test_faults_reach_the_fisheye_by_name(visitor, kind):
-    visitor.rig.inject(Fault(kind=kind, device="fisheye", status=500, count=1))
+    visitor.rig.inject(Fault(kind=kind, device="fisheye", status=500))
     assert (await visitor.ptz(query="speed")).status == 200
     try:
         async with asyncio.timeout(0.3):
@@ -151,6 +152,7 @@ async def test_faults_reach_the_fisheye_by_name(visitor, kind):
     except (aiohttp.ClientConnectionError, TimeoutError):
         status = 0
     assert status != 200
+    visitor.rig.fisheye.faults.clear()
     assert (await visitor.get(visitor.rig.fisheye_url.replace("mjpg", "jpg"))).status == 200
 
 
@@ -164,25 +166,36 @@ async def test_a_script_of_faults_is_played(start, tmp_path):
             pass
 
 
-@pytest.mark.parametrize(
-    "text", ["- {kind: nonsense}", "- {kind: stall, forever: 1}", "x: [", "- {kind: stall, at_s: -1}"]
-)
-def test_a_wrong_script_is_refused_with_its_path(tmp_path, room, text):
+@pytest.mark.parametrize("text", [
+    "- {kind: nonsense}", "- {kind: stall, forever: 1}", "x: [", "- {kind: stall, at_s: -1}",
+    "- {kind: stall, device: microphone}",
+])  # fmt: skip
+async def test_a_wrong_script_is_refused_with_its_path(tmp_path, room, text):
     script = tmp_path / "faults.yaml"
     script.write_text(text)
     with pytest.raises(SimulationError, match=r"faults\.yaml"):
-        SimRig(SimSettings(faults=str(script)), scene=room)
+        await SimRig(SimSettings(faults=str(script)), scene=room).__aenter__()
+
+
+@pytest.mark.parametrize(("fault", "culprit"), [
+    (Fault(kind=FaultKind.KNOCK, device="fisheye"), "knock"),
+    (Fault(kind=FaultKind.PARAMETER, name="PTZ.Nonsense"), "PTZ.Nonsense"),
+])  # fmt: skip
+async def test_a_fault_that_a_device_cannot_have_is_refused(visitor, fault, culprit):
+    with pytest.raises(SimulationError, match=culprit):
+        visitor.rig.inject(fault)
 
 
 @pytest.mark.parametrize("name", ["room", "pair_hall", "pair_room"])
-async def test_every_scene_has_a_calibration_and_boxes_in_reach(name):
-    scene = load_scene(name)
-    async with SimRig(SimSettings(), scene=scene) as rig:
-        assert read_rig(rig.calibration_text(), "rig.yaml").metric is scene.file.head_from_fisheye.metric
-        for box in scene.demo_boxes:
-            found = rig.direction(*box.centre_px)
-            assert found is not None
-            assert rig.profile.tilt.low < found.vapix.tilt_deg < rig.profile.tilt.high
+def test_every_scene_has_a_calibration_and_boxes_in_reach(name):
+    scene, kind = load_scene(name), PROFILES["v5915"]
+    lens, head = fisheye_camera(scene.camera, None), head_model(kind.mount, kind)
+    calibration = read_rig(calibration_text(SimSettings(), scene, lens, kind), "rig.yaml")
+    assert calibration.metric is scene.file.head_from_fisheye.metric
+    for box in scene.demo_boxes:
+        found = direction(scene, lens, head, *box.centre_px)
+        assert found is not None
+        assert kind.tilt.low < found.vapix.tilt_deg < kind.tilt.high
 
 
 async def test_serve_runs_until_it_is_cancelled(room, monkeypatch):
@@ -200,11 +213,11 @@ async def test_serve_runs_until_it_is_cancelled(room, monkeypatch):
             await session.get(f"{rig.truth_url}/truth/boxes")
 
 
-def test_an_unknown_profile_or_scene_is_named():
+async def test_an_unknown_profile_or_scene_is_named():
     with pytest.raises(SimulationError, match="v9999"):
-        SimRig(SimSettings(profile="v9999"), scene=None)
+        SimRig(SimSettings(profile="v9999"))
     with pytest.raises(SimulationError, match="nowhere"):
-        SimRig(SimSettings(scene="nowhere"))
+        await SimRig(SimSettings(scene="nowhere")).__aenter__()
 
 
 def test_no_repr_shows_the_password():

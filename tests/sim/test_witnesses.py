@@ -38,7 +38,7 @@ async def python(source: str, cwd: object, *arguments: str) -> str:
 
 @needs_axis
 async def test_the_package_axis_reads_and_drives_it(start, tmp_path):
-    visitor = await start()
+    visitor = await start(rate=5.0)
     script = """
         import asyncio, json, sys
         import httpx
@@ -54,15 +54,15 @@ async def test_the_package_axis_reads_and_drives_it(start, tmp_path):
                 await vapix.initialize()
                 ptz = vapix.params.ptz_handler["0"]
                 await vapix.ptz.control(pan=10.5, tilt=-5, zoom=700, speed=60)
-                await asyncio.sleep(2)
+                await asyncio.sleep(0.7)
                 position = (await vapix.ptz.query(PtzQuery.POSITION)).decode()
                 limits = (await vapix.ptz.query(PtzQuery.LIMITS)).decode()
                 driver = (await vapix.ptz.configured_device_driver()).decode()
                 commands = (await vapix.ptz.available_ptz_commands()).decode()
                 await vapix.ptz.control(continuous_pantilt_move=(30, 0))
-                await asyncio.sleep(1)
+                await asyncio.sleep(0.4)
                 await vapix.ptz.control(move=PtzMove.STOP)
-                await asyncio.sleep(1)
+                await asyncio.sleep(0.4)
                 stopped = (await vapix.ptz.query(PtzQuery.POSITION)).decode()
                 print(json.dumps({
                     "product": vapix.product_number, "firmware": vapix.firmware_version, "serial": vapix.serial_number,
@@ -90,7 +90,7 @@ async def test_the_package_axis_reads_and_drives_it(start, tmp_path):
 
 @needs_sensecam
 async def test_the_package_sensecam_control_drives_it(start, tmp_path):
-    visitor = await start()
+    visitor = await start(rate=5.0)
     script = """
         import sys, time
         from sensecam_control import vapix_config, vapix_control
@@ -98,18 +98,18 @@ async def test_the_package_sensecam_control_drives_it(start, tmp_path):
         address = f"127.0.0.1:{sys.argv[1]}"
         camera = vapix_control.CameraControl(address, "ptzd", "pan-tilt-zoom")
         camera.absolute_move(25, 10, 500, 90)
-        time.sleep(2)
+        time.sleep(0.7)
         print(camera.get_ptz())
         camera.relative_move(-5, 2.5, None, None)
-        time.sleep(1.5)
+        time.sleep(0.5)
         print(camera.get_ptz())
         camera.continuous_move(50, -20, 0)
-        time.sleep(0.7)
+        time.sleep(0.3)
         camera.stop_move()
-        time.sleep(0.8)
+        time.sleep(0.4)
         print(camera.get_speed().text if hasattr(camera.get_speed(), "text") else camera.get_speed())
         camera.go_home_position(100)
-        time.sleep(2.5)
+        time.sleep(0.8)
         print(camera.get_ptz())
         print(vapix_config.CameraConfiguration(address, "ptzd", "pan-tilt-zoom").get_image_size())
     """
