@@ -145,13 +145,16 @@ class RecordFile:
             opcode, length = _HEAD.unpack(head)
             frame = Frame(opcode, at, length)
             if frame.opcode == 0 or frame.end > self.size:
-                raise Torn(f"{self.path}: torn at byte {at}: the record does not end inside the file", at)
+                raise Torn(
+                    f"{self.path}: torn at byte {at}: the record does not end inside the file; run `ptzd log recover` on it",
+                    at,
+                )
             yield frame
             at = frame.end
             if frame.opcode == Opcode.FOOTER:
                 break
         if self.read(at, len(MAGIC)) != MAGIC:
-            raise Torn(f"{self.path}: torn at byte {at}: the closing magic is missing", at)
+            raise Torn(f"{self.path}: torn at byte {at}: no closing magic; run `ptzd log recover` on it", at)
 
     def read(self, offset: int, length: int) -> bytes:
         """Bytes from ``offset``; fewer at the end of the file.

@@ -103,19 +103,21 @@ class Scribe:
         """Why not everything is written; empty when it is."""
         self.headless = True
         """The current file does not begin with a snapshot."""
-        self.cuts = 0
-        """How many cuts were taken from the inbox."""
+        self.snapshots = 0
+        """How many snapshots were taken from the inbox."""
         self.ended = False
 
     @property
     def current(self) -> Path | None:
         """Final name of the file being written."""
-        return self._file.path if self._file else None
+        file = self._file
+        return file.path if file else None
 
     @property
     def size(self) -> int:
         """Of the file being written, bytes."""
-        return self._file.size if self._file else 0
+        file = self._file
+        return file.size if file else 0
 
     @property
     def age_s(self) -> float:
@@ -176,6 +178,7 @@ class Scribe:
         if not self._held:
             self._flushed_s = time.monotonic()
         self._write(record)
+        self.snapshots += isinstance(record.source, Snapshot)
         if record.source is not None:
             for document in self._derived(record):
                 self._write(document)
@@ -334,7 +337,6 @@ class Scribe:
         item.done()
 
     def _cut(self) -> None:
-        self.cuts += 1
         if self._file is None or self._decisions == 0:
             return
         try:

@@ -98,7 +98,7 @@ class McapLog:
         self._pictures = RecentPictures(int(late_s * NS))
         self._counts = dict.fromkeys(IMAGES, 0)
         self._skipped = self._refused = 0
-        self._cuts = 0
+        self._snapshots = 0
         self._closed = False
         self._notes: tuple[str, ...] = ()
 
@@ -147,6 +147,8 @@ class McapLog:
         match event:
             case ViewTaken():
                 self.require(PTZ_IMAGE, event.view.frame)
+            case Snapshot():
+                self._snapshots += 1
             case MatchFinished() | MatchFailed():
                 self._pictures.release(_match(event.match_id))
             case _:
@@ -213,7 +215,7 @@ class McapLog:
     def rotate_due(self) -> bool:
         """Whether the pump should call :meth:`rotate` before the next event."""
         scribe, settings = self._scribe, self._settings
-        if scribe.current is None or scribe.cuts != self._cuts:
+        if scribe.current is None or scribe.snapshots != self._snapshots:
             return False
         return scribe.headless or scribe.size >= settings.rotate_bytes or scribe.age_s >= settings.rotate_s
 
@@ -223,7 +225,6 @@ class McapLog:
         A file that holds no decision yet, as at the start, goes on. Errors as for :meth:`event`.
         """
         self._put(Cut())
-        self._cuts += 1
         self.event(sequence, snapshot)
         for topic, picture in self._pictures.begin_file():
             self._put_picture(topic, picture, droppable=False)

@@ -317,3 +317,21 @@ async def test_a_file_that_begins_in_the_middle_of_a_request_has_its_pictures(se
         [1, 71],
         [],
     ]
+
+
+async def test_one_cut_at_a_time(settings, run, clock, frames):
+    """Asked between any two events, as the pump does, the log never begins a file without need."""
+    sequence, rotations = 0, 0
+    async with McapLog(settings(rotate_s=0.05), run, clock) as log:
+        while rotations < 8:
+            if log.rotate_due():
+                log.rotate(sequence, Snapshot(t_ns=sequence))
+                rotations += 1
+            else:
+                log.event(sequence, next(frames))
+            sequence += 1
+            await asyncio.sleep(0)
+    files = log.closed_files()
+    assert len(files) == rotations
+    assert all(len(decisions(path)) > 1 for path in files[:-1])
+    assert [item.sequence for path in files for item in decisions(path)] == list(range(sequence))
