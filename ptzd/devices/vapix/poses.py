@@ -231,7 +231,7 @@ class PoseRing:
             if not run.proven(self._stillness.rest_s):
                 return Motion.SETTLING
             self._commanded = self._foreign = False
-            return Motion.STABLE if run.span_ns >= self._settle_ns else Motion.SETTLING
+            return Motion.STABLE if run.witnessed or run.span_ns >= self._settle_ns else Motion.SETTLING
         known = bool(self._poses)
         if run is not None and not self._commanded:
             self._foreign = True
