@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import sys
 import traceback
+from types import TracebackType
 
 from ptzd.cli.parser import parser
 from ptzd.errors import PtzdError
 
 EX_OK = 0
-EX_DIFFERENT = 1
+EX_SOFTWARE = 70
 INTERRUPTED = 130
 
 
@@ -22,6 +23,8 @@ def entry(argv: list[str] | None = None) -> int:
         Exit code: 0, 1 for a no, otherwise as in sysexits.h.
     """
     arguments = parser().parse_args(argv)
+    if not arguments.debug:
+        sys.excepthook = report_defect
     try:
         return int(arguments.run(arguments))
     except PtzdError as error:
@@ -33,3 +36,11 @@ def entry(argv: list[str] | None = None) -> int:
         return INTERRUPTED
     except BrokenPipeError:
         return EX_OK
+
+
+def report_defect(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    """Tell of an error that nobody foresaw in one line, with its place; exit with 70."""
+    place = traceback.extract_tb(trace)[-1] if trace is not None else None
+    where = "" if place is None else f" at {place.filename}:{place.lineno}"
+    print(f"ptzd: internal error{where}: {kind.__name__}: {error}; `ptzd --debug …` shows more", file=sys.stderr)
+    raise SystemExit(EX_SOFTWARE)
