@@ -145,10 +145,7 @@ class RecordFile:
             opcode, length = _HEAD.unpack(head)
             frame = Frame(opcode, at, length)
             if frame.opcode == 0 or frame.end > self.size:
-                raise Torn(
-                    f"{self.path}: torn at byte {at}: the record does not end inside the file; run `ptzd log recover` on it",
-                    at,
-                )
+                raise Torn(f"{self.path}: torn at byte {at} inside a record; run `ptzd log recover` on it", at)
             yield frame
             at = frame.end
             if frame.opcode == Opcode.FOOTER:

@@ -20,7 +20,7 @@ from ptzd.log.topics import EVENT, FISHEYE_IMAGE
 from ptzd.model import FrameRef
 
 T0 = 1_795_000_000_000_000_000
-CASES = int(os.environ.get("PTZD_FUZZ", "250"))
+CASES = int(os.environ.get("PTZD_FUZZ", "150"))
 
 
 def event_document(sequence, t_ns):
