@@ -13,6 +13,7 @@ from ptzd.sim.ptz_request import PtzRequest, PtzSyntax
 from ptzd.sim.unit import Unit
 
 PRESET_NAME_BYTES = 31
+PRESET_NUMBERS = 256
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -149,8 +150,8 @@ def _query(unit: Unit, request: PtzRequest, name: str, *, as_json: bool) -> str:
 def configure(unit: Unit, arguments: dict[str, str]) -> Reply:
     """ptzconfig.cgi: keep, rename and forget presets."""
     try:
-        _configure(unit, {name: value for name, value in arguments.items() if name != "camera"})
-    except (PtzSyntax, ValueError) as refusal:
+        _configure(unit, arguments)
+    except PtzSyntax as refusal:
         return Reply(status=200, text=answers.error(str(refusal)))
     return Reply()
 
@@ -160,19 +161,32 @@ def _configure(unit: Unit, arguments: dict[str, str]) -> None:
         key = unit.store_preset(_preset_name("setserverpresetname", name))
         if arguments.get("home") == "yes":
             unit.parameters["PTZ.Preset.P0.HomePosition"] = str(key)
-    if number := arguments.get("setserverpresetno"):
-        unit.store_preset(f"Preset {number}", int(number))
-    if (number := arguments.get("renameserverpresetno")) and not unit.rename_preset(
-        int(number), _preset_name("newname", arguments.get("newname", ""))
-    ):
-        raise PtzSyntax("renameserverpresetno", "invalid value")
-    if (number := arguments.get("removeserverpresetno")) and not unit.remove_preset(int(number)):
-        raise PtzSyntax("removeserverpresetno", "invalid value")
-    if (name := arguments.get("removeserverpresetname")) and not unit.remove_preset(unit.preset_number(name) or 0):
-        raise PtzSyntax("removeserverpresetname", f"preset {name} not found")
+    if (number := _preset_number(arguments, "setserverpresetno")) is not None:
+        unit.store_preset(f"Preset {number}", number)
+    if (number := _preset_number(arguments, "renameserverpresetno")) is not None:
+        new_name = _preset_name("newname", arguments.get("newname", ""))
+        _found(unit.rename_preset(number, new_name), "renameserverpresetno")
+    if (number := _preset_number(arguments, "removeserverpresetno")) is not None:
+        _found(unit.remove_preset(number), "removeserverpresetno")
+    if name := arguments.get("removeserverpresetname"):
+        _found(unit.remove_preset(unit.preset_number(name) or 0), "removeserverpresetname")
     if arguments.get("removeallserverpresets") == "yes":
         for key in [key for key in unit.presets if str(key) != unit.parameters["PTZ.Preset.P0.HomePosition"]]:
             unit.remove_preset(key)
+
+
+def _preset_number(arguments: dict[str, str], argument: str) -> int | None:
+    text = arguments.get(argument)
+    if text is None:
+        return None
+    if not (text.isascii() and text.isdecimal() and 1 <= int(text) <= PRESET_NUMBERS):
+        raise PtzSyntax(argument, "invalid value")
+    return int(text)
+
+
+def _found(found: bool, argument: str) -> None:
+    if not found:
+        raise PtzSyntax(argument, "preset not found")
 
 
 def _preset_name(argument: str, name: str) -> str:

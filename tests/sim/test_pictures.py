@@ -193,6 +193,21 @@ async def test_spoilt_pictures_keep_the_framing(visitor, kind_of, whole):
     assert all(picture.endswith(b"\xff\xd9") for picture in others)
 
 
+async def test_a_short_part_announces_more_than_it_sends(visitor):
+    visitor.rig.inject(Fault(kind=FaultKind.SHORT, count=1))
+    _, body = await stream_bytes(visitor, fps=20, nbrofframes=3)
+    first, second = PART.match(body), PART.search(body, 10)
+    assert second.start() < first.end() + int(first[1])
+    assert len(parts(body[second.start() :])) == 2
+
+
+async def test_a_spoilt_still_is_shorter_than_it_should_be(visitor):
+    visitor.rig.inject(Fault(kind=FaultKind.TRUNCATE, path="*image.cgi*", count=1))
+    first, second = [(await visitor.get(IMAGE, **SMALL)).body for _ in range(2)]
+    assert len(first) < 0.7 * len(second)
+    assert not first.endswith(b"\xff\xd9")
+
+
 async def test_a_cut_ends_the_stream_inside_a_picture(visitor):
     visitor.rig.inject(Fault(kind=FaultKind.CUT, count=1))
     _, body = await stream_bytes(visitor, fps=20, nbrofframes=10)

@@ -213,3 +213,67 @@ def test_endless_cameras_tell_their_limits_as_180():
     assert (values["MinPan"], values["MaxPan"]) == ("-180", "180")
     assert "MinIris" not in values
     assert math.isclose(unit.profile.max_magnification, 36.6, rel_tol=0.01)
+
+
+def test_attributes_in_plain_text_have_the_speed_table_by_group(unit):
+    speeds = ask(unit, query="attributes", group="speed").text.splitlines()
+    assert speeds[:4] == ["value=1", "speed=0.05", "value=9", "speed=0.16"]
+    assert "maxOpticalZoomMag=31" in ask(unit, query="attributes", group="zoom").text.splitlines()
+    linear = Unit(SimSettings(profile="dome"), VirtualClock())
+    assert "speed=150" in ask(linear, query="attributes").text.splitlines()
+
+
+def test_presets_in_other_forms(unit):
+    assert json.loads(ask(unit, query="presetposall", format="json").text) == {
+        "Camera 1": {"presets": [{"number": "1", "name": "Home"}]}
+    }
+    assert ask(unit, query="presetposcam").text == "Preset Positions for camera 1\r\npresetposno1=Home\r\n"
+    assert "presetposno1=Home:tilt=0.000000:" in ask(unit, query="presetposcamdata", camera="all").text
+    assert ask(unit, query="auxiliary").status == 200
+
+
+@pytest.mark.parametrize(("arguments", "refused"), [
+    ({"setserverpresetno": "7"}, None),
+    ({"setserverpresetno": "x"}, "setserverpresetno: invalid value"),
+    ({"setserverpresetno": "257"}, "setserverpresetno: invalid value"),
+    ({"removeserverpresetno": "9"}, "removeserverpresetno: preset not found"),
+    ({"removeserverpresetname": "Nope"}, "removeserverpresetname: preset not found"),
+    ({"renameserverpresetno": "9", "newname": "a"}, "renameserverpresetno: preset not found"),
+    ({"renameserverpresetno": "1"}, "newname: invalid value"),
+    ({"setserverpresetname": "Gate", "home": "yes"}, None),
+    ({"setserverpresetname": "Gate", "camera": "1"}, None),
+])  # fmt: skip
+def test_preset_configuration(unit, arguments, refused):
+    reply = configure(unit, arguments)
+    if refused is None:
+        assert (reply.status, len(unit.presets)) == (204, 2)
+    else:
+        assert reply.text.startswith("Error:\r\n")
+        assert refused in reply.text
+
+
+def test_all_presets_but_home_can_be_forgotten_at_once(unit):
+    for name in ("a", "b"):
+        ask(unit, setserverpresetname=name)
+    configure(unit, {"removeallserverpresets": "yes"})
+    assert set(unit.presets) == {1}
+
+
+def test_an_order_by_number_and_a_device_preset(unit, clock):
+    ask(unit, pan=8)
+    settle(unit, clock)
+    ask(unit, setserverpresetno=5)
+    ask(unit, pan=0)
+    settle(unit, clock)
+    assert ask(unit, gotoserverpresetno=5).status == 204
+    assert settle(unit, clock).pan_deg == 8
+    assert ask(unit, removeserverpresetno=5).status == 204
+    assert ask(unit, removeserverpresetname="Preset 5").text.startswith("Error:")
+    assert ask(unit, gotodevicepreset=1).text.startswith("Error:")
+
+
+def test_switches_of_the_picture(unit):
+    assert ask(unit, ircutfilter="on", backlight="on", autoiris="off", iris=100).status == 204
+    assert unit.parameters["PTZ.Various.V1.IrCutFilter"] == "on"
+    assert unit.parameters["PTZ.Various.V1.BackLight"] == "true"
+    assert unit.levels["iris"] == 100
