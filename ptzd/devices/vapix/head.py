@@ -67,6 +67,8 @@ class VapixHead:
     ----------
     capabilities : Capabilities or None
         What the camera said at the last :meth:`describe`.
+    report_lag_ns : int
+        What the time stamps of polls assume of the age of a report.
     """
 
     def __init__(
@@ -80,6 +82,7 @@ class VapixHead:
         )
         stillness = stillness_of(settings)
         self.capabilities: Capabilities | None = None
+        self.report_lag_ns = round(settings.report_lag_s * 1e9)
         self._settings = settings
         self._limits = limits
         self._settle_ns = round(settings.settle_s * 1e9)
