@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
+import ssl
 from collections.abc import Coroutine
 from types import TracebackType
-
-from aiohttp import web
 
 from ptzd.geometry.head import HeadModel
 from ptzd.sim.auth import Gate, User
@@ -22,7 +21,7 @@ from ptzd.sim.scene import Scene
 from ptzd.sim.settings import SimSettings
 from ptzd.sim.stream import Darkroom, ShotLog
 from ptzd.sim.unit import Unit
-from ptzd.sim.wire import Listener, drop_connections
+from ptzd.sim.wire import Network
 
 
 class AxisCamera:
@@ -60,29 +59,17 @@ class AxisCamera:
         self._darkroom = Darkroom()
         self._pictures = PictureCgi(self.unit, eye, self._darkroom, self.faults, self.shots)
         self._server = CameraServer(self.unit, self.gate, self._pictures, self.faults, self.reboot)
-        self._runner = web.AppRunner(
-            self._server.app(), handler_cancellation=True, shutdown_timeout=0.1, access_log=None, keepalive_timeout=15.0
-        )
-        self._listeners: list[Listener] = []
+        self.network = Network(self._server.app(), settings.host, clock)
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def __aenter__(self) -> AxisCamera:
-        await self._runner.setup()
-        settings = self.settings
-        try:
-            self._listeners.append(Listener(self._runner, settings.host, settings.ptz_port))
-            if settings.https:
-                self.certificate = self_signed(f"axis-{self.unit.profile.serial.lower()}")
-                tls = self.certificate.server_context()
-                self._listeners.append(Listener(self._runner, settings.host, 0, tls))
-            for listener in self._listeners:
-                await listener.open()
-        except BaseException:
-            await self._shut()
-            raise
-        self.port = self._listeners[0].port
-        self.https_port = self._listeners[1].port if settings.https else 0
-        programs = Programs(self.unit, self.gate, self.faults, self.reboot)
+        ports: list[tuple[int, ssl.SSLContext | None]] = [(self.settings.ptz_port, None)]
+        if self.settings.https:
+            self.certificate = self_signed(f"axis-{self.unit.profile.serial.lower()}")
+            ports.append((0, self.certificate.server_context()))
+        self.port, *secure = await self.network.open(*ports)
+        self.https_port = secure[0] if secure else 0
+        programs = Programs(self.unit, self.gate, self.faults, self.network, self.reboot)
         self._spawn(programs.run(), "sim camera programs")
         return self
 
@@ -92,15 +79,7 @@ class AxisCamera:
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
-        await self._shut()
-
-    async def _shut(self) -> None:
-        for listener in self._listeners:
-            await listener.shut()
-        await drop_connections(self._runner)
-        await self._runner.cleanup()
-        for listener in self._listeners:
-            listener.close()
+        await self.network.close()
         self._darkroom.close()
 
     def _spawn(self, work: Coroutine[None, None, None], name: str) -> None:
@@ -134,13 +113,8 @@ class AxisCamera:
     async def _reboot(self) -> None:
         clock, boot_s = self.unit.clock, self.settings.boot_s
         self._server.ready = False
-        for listener in self._listeners:
-            await listener.shut()
-        await drop_connections(self._runner)
-        await clock.sleep_until(clock.now_s() + boot_s)
+        await self.network.be_away(boot_s)
         self.gate.forget_nonces()
-        for listener in self._listeners:
-            await listener.open()
         self.unit.go_home("start-up")
         await clock.sleep_until(clock.now_s() + boot_s / 2)
         self._server.restarted()

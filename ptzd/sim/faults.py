@@ -46,6 +46,8 @@ class FaultKind(StrEnum):
     """Streams and stills: bytes inside the JPEG are noise."""
     CUT = "cut"
     """Streams: the connection is cut inside a picture."""
+    UNPLUG = "unplug"
+    """The network is gone for `for_s`: connections are cut and refused, then all is as before."""
     REBOOT = "reboot"
     """The camera restarts: refused connections, then 503, then ready; the head re-homes."""
     FOREIGN_MOVE = "foreign_move"
@@ -61,15 +63,17 @@ class FaultKind(StrEnum):
 
 
 ONCE_KINDS = frozenset({
-    FaultKind.REBOOT, FaultKind.FOREIGN_MOVE, FaultKind.RECALIBRATE, FaultKind.KNOCK, FaultKind.FORGET_NONCES,
-    FaultKind.PARAMETER,
+    FaultKind.UNPLUG, FaultKind.REBOOT, FaultKind.FOREIGN_MOVE, FaultKind.RECALIBRATE, FaultKind.KNOCK,
+    FaultKind.FORGET_NONCES, FaultKind.PARAMETER,
 })  # fmt: skip
 """Happen once at their time."""
 PICTURE_KINDS = frozenset({FaultKind.STALL, FaultKind.TRUNCATE, FaultKind.SHORT, FaultKind.CORRUPT, FaultKind.CUT})
 """Hit pictures."""
 REQUEST_KINDS = frozenset(FaultKind) - ONCE_KINDS - PICTURE_KINDS
 """Hit requests."""
-FISHEYE_KINDS = PICTURE_KINDS | {FaultKind.HANG, FaultKind.RESET, FaultKind.SLOW, FaultKind.STATUS}
+FISHEYE_KINDS = PICTURE_KINDS | {
+    FaultKind.HANG, FaultKind.RESET, FaultKind.SLOW, FaultKind.STATUS, FaultKind.UNPLUG,
+}  # fmt: skip
 """What a fisheye can suffer."""
 
 

@@ -13,9 +13,10 @@ from ptzd.sim.clock import SimClock
 from ptzd.sim.faults import FaultBox, FaultKind
 from ptzd.sim.imager import Noise, Pixels, encode
 from ptzd.sim.mjpeg_out import serve_stream, spoilt
+from ptzd.sim.programs import HEARTBEAT_S
 from ptzd.sim.settings import SimSettings
 from ptzd.sim.stream import Darkroom, ShotLog, Stream
-from ptzd.sim.wire import Listener, abort, drop_connections, html
+from ptzd.sim.wire import Network, abort, html
 
 STREAM_PATH = "/fisheye.mjpg"
 STILL_PATH = "/fisheye.jpg"
@@ -55,42 +56,38 @@ class FisheyeCamera:
         app = web.Application(middlewares=[self._fault])
         app.router.add_get(STREAM_PATH, self._video)
         app.router.add_get(STILL_PATH, self._still)
-        self._runner = web.AppRunner(app, handler_cancellation=True, shutdown_timeout=0.1, access_log=None)
-        self._listener: Listener | None = None
+        self._network = Network(app, settings.host, clock)
+        self._watcher: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> FisheyeCamera:
-        await self._runner.setup()
-        try:
-            self._listener = Listener(self._runner, self.settings.host, self.settings.fisheye_port)
-            await self._listener.open()
-        except BaseException:
-            await self._shut()
-            raise
-        self.port = self._listener.port
+        (self.port,) = await self._network.open((self.settings.fisheye_port, None))
+        self._watcher = asyncio.create_task(self._watch(), name="sim fisheye faults")
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await self._shut()
-
-    async def _shut(self) -> None:
-        await self.unplug()
-        await self._runner.cleanup()
-        if self._listener is not None:
-            self._listener.close()
+        if self._watcher is not None:
+            self._watcher.cancel()
+            await asyncio.gather(self._watcher, return_exceptions=True)
+        await self._network.close()
         self._darkroom.close()
+
+    async def _watch(self) -> None:
+        """Carry out the faults that happen once."""
+        while True:
+            now_s = self._clock.now_s()
+            for fault in self.faults.due(now_s):
+                await self._network.be_away(fault.for_s)
+            await self._clock.sleep_until(now_s + HEARTBEAT_S)
 
     async def unplug(self) -> None:
         """Cut every connection and refuse new ones."""
-        if self._listener is not None:
-            await self._listener.shut()
-        await drop_connections(self._runner)
+        await self._network.lose()
 
     async def plug_in(self) -> None:
         """Be there again, on the same port."""
-        if self._listener is not None:
-            await self._listener.open()
+        await self._network.restore()
 
     @property
     def url(self) -> str:

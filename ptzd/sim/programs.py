@@ -9,6 +9,7 @@ from ptzd.sim.auth import Gate
 from ptzd.sim.faults import Fault, FaultBox, FaultKind
 from ptzd.sim.head import MoveTo
 from ptzd.sim.unit import Unit
+from ptzd.sim.wire import Network
 
 HEARTBEAT_S = 0.05
 """How often the programs look at the time."""
@@ -23,13 +24,15 @@ class Programs:
     gate : Gate
     faults : FaultBox
         Its faults that happen once are carried out here.
+    network : Network
     reboot : Callable
     """
 
-    def __init__(self, unit: Unit, gate: Gate, faults: FaultBox, reboot: Callable[[], None]) -> None:
+    def __init__(self, unit: Unit, gate: Gate, faults: FaultBox, network: Network, reboot: Callable[[], None]) -> None:
         self._unit = unit
         self._gate = gate
         self._faults = faults
+        self._network = network
         self._reboot = reboot
         self._tour_step = 0
         self._tour_due_s = 0.0
@@ -43,6 +46,8 @@ class Programs:
                 for fault in self._faults.due(now_s):
                     if fault.kind is FaultKind.RECALIBRATE:
                         tasks.create_task(self._recalibrate(), name="sim recalibration")
+                    elif fault.kind is FaultKind.UNPLUG:
+                        tasks.create_task(self._network.be_away(fault.for_s), name="sim unplugged")
                     else:
                         self._happen(fault, now_s)
                 self._return_to_overview(now_s)

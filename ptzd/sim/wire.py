@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from aiohttp import web
 
 from ptzd.errors import SimulationError
+from ptzd.sim.clock import SimClock
 
 SERVER_NAME = "Apache/2.4.46 (Unix) OpenSSL/1.1.1k"
 BOUNDARY = "myboundary"
@@ -73,7 +74,7 @@ class Listener:
         self.port = port
 
     async def open(self) -> None:
-        """Start to listen; the first time, reserve the port.
+        """Start to listen unless it does; the first time, reserve the port.
 
         Raises
         ------
@@ -85,6 +86,8 @@ class Listener:
                 _bound(self._host, self.port, shared=False).close()
             self._reserved = _bound(self._host, self.port, shared=True)
             self.port = self._reserved.getsockname()[1]
+        if self._site is not None:
+            return
         self._site = web.SockSite(self._runner, _bound(self._host, self.port, shared=True), ssl_context=self._tls)
         await self._site.start()
 
@@ -120,6 +123,60 @@ async def drop_connections(runner: web.AppRunner) -> None:
             if connection.transport is not None:
                 connection.transport.abort()
     await asyncio.sleep(0)
+
+
+class Network:
+    """The web server of one device with its ports; it can be lost and come back on the same ports.
+
+    Parameters
+    ----------
+    app : web.Application
+    host : str
+    clock : SimClock
+    """
+
+    def __init__(self, app: web.Application, host: str, clock: SimClock) -> None:
+        self._runner = web.AppRunner(app, handler_cancellation=True, shutdown_timeout=0.1, access_log=None)
+        self._host = host
+        self._clock = clock
+        self._listeners: list[Listener] = []
+
+    async def open(self, *ports: tuple[int, ssl.SSLContext | None]) -> list[int]:
+        """Listen on ports (0: any free one), with TLS where a context is given; returns their numbers."""
+        await self._runner.setup()
+        try:
+            for port, tls in ports:
+                self._listeners.append(Listener(self._runner, self._host, port, tls))
+                await self._listeners[-1].open()
+        except BaseException:
+            await self.close()
+            raise
+        return [listener.port for listener in self._listeners]
+
+    async def lose(self) -> None:
+        """Cut every connection and refuse new ones."""
+        for listener in self._listeners:
+            await listener.shut()
+        await drop_connections(self._runner)
+
+    async def restore(self) -> None:
+        """Listen again."""
+        for listener in self._listeners:
+            await listener.open()
+
+    async def be_away(self, for_s: float | None) -> None:
+        """Be lost for a while; None: until :meth:`restore`."""
+        await self.lose()
+        if for_s is not None:
+            await self._clock.sleep_until(self._clock.now_s() + for_s)
+            await self.restore()
+
+    async def close(self) -> None:
+        """End everything and give the ports back."""
+        await self.lose()
+        await self._runner.cleanup()
+        for listener in self._listeners:
+            listener.close()
 
 
 class ViewerLimit:

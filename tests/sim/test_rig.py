@@ -156,6 +156,24 @@ async def test_faults_reach_the_fisheye_by_name(visitor, kind):
     assert (await visitor.get(visitor.rig.fisheye_url.replace("mjpg", "jpg"))).status == 200
 
 
+@pytest.mark.parametrize("device", ["ptz", "fisheye"])
+async def test_an_unplugged_device_refuses_for_its_time_and_is_then_as_before(visitor, device):
+    if device == "ptz":
+        await visitor.ptz(pan=7)
+        await visitor.rest()
+    visitor.rig.inject(Fault(kind=FaultKind.UNPLUG, device=device, for_s=0.4))
+    url = visitor.rig.fisheye_url.replace("mjpg", "jpg") if device == "fisheye" else "/axis-cgi/com/ptz.cgi?query=speed"
+    seen = []
+    while "refused" not in seen or seen[-1] != 200:
+        try:
+            seen.append((await visitor.get(url)).status)
+        except aiohttp.ClientConnectionError:
+            seen.append("refused")
+    assert set(seen) == {200, "refused"}
+    if device == "ptz":
+        assert (await visitor.position())["pan"] == 7
+
+
 async def test_a_script_of_faults_is_played(start, tmp_path):
     script = tmp_path / "faults.yaml"
     script.write_text("- {kind: foreign_move, pan: 5}\n- {kind: status, status: 503, at_s: 0.2, path: '*speed*'}\n")
