@@ -111,6 +111,7 @@ class Operator:
         if head_answers:
             self.work.stop()
         else:
+            self.stop_failed(reason)
             self._finish()
 
     def after_shutdown(self, event: ev.Event) -> None:

@@ -111,7 +111,8 @@ def _table() -> Table:
 
 
 def _all_events() -> tuple[type[ev.Event], ...]:
-    return tuple(kind for kind in ev.Event.__subclasses__() if kind is not ev.Snapshot)
+    kinds = (kind for kind in vars(ev).values() if isinstance(kind, type) and issubclass(kind, ev.Event))
+    return tuple(kind for kind in kinds if kind not in {ev.Event, ev.Snapshot})
 
 
 TRANSITIONS: Table = _table()

@@ -190,6 +190,12 @@ class World:
         )
 
 
+@pytest.fixture(scope="session")
+def new_world(rig: Rig, config: Config) -> Callable[[], World]:
+    """Makes worlds whose devices are still away."""
+    return lambda: World(rig, config)
+
+
 @pytest.fixture
 def world(rig: Rig, config: Config) -> World:
     made = World(rig, config)
