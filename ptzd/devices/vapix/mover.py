@@ -83,16 +83,12 @@ class Mover:
         ticket = self._take_ticket()
         patience_s = self._patience_s(latest.reading, target)
         await self._write(requests.absolute_move(self._settings.camera, target), ticket)
-        self._poller.eager = True
-        try:
+        with self._poller.eagerly():
             return await self._arrival(ticket, target, limits, patience_s)
-        finally:
-            self._poller.eager = ticket != self._ticket
 
     async def stop(self) -> None:
         """As :meth:`ptzd.ports.PtzHead.stop`."""
         ticket = self._take_ticket()
-        self._poller.eager = False
         loop = asyncio.get_running_loop()
         end_s = loop.time() + self._settings.stall_s + self._proof_s
         while True:
@@ -173,7 +169,7 @@ class Mover:
             if rest is not None and self._reached(rest.mean, target, limits):
                 self.under_way = False
                 return rest.mean
-            if rest is not None and rest.proven(STALL_REST_S):
+            if rest is not None and rest.span_ns >= STALL_REST_S * 1e9:
                 self.under_way = False
                 raise MoveStalled(rest.mean, f"rests at {shown(rest.mean)} instead of {shown(target)}")
             if loop.time() > end_s:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from ptzd.config import Ptz
 from ptzd.devices.vapix import requests
@@ -38,8 +40,7 @@ class Poller:
         self._poses = poses
         self._period_s = 1 / settings.poll_hz
         self._eager_period_s = 1 / min(EAGER * settings.poll_hz, MAX_POLL_HZ)
-        self.eager = False
-        """Whether somebody waits for rest: then reports come more often."""
+        self._waiting = 0
         self._lag_ns = round(settings.report_lag_s * 1e9)
         self._stall_s = settings.stall_s
 
@@ -63,8 +64,17 @@ class Poller:
                 failures += 1
                 if failures > FAILURES_ALLOWED or loop.time() - answered_s >= self._stall_s:
                     raise
-            next_s = max(next_s + (self._eager_period_s if self.eager else self._period_s), loop.time())
+            next_s = max(next_s + (self._eager_period_s if self._waiting else self._period_s), loop.time())
             await asyncio.sleep(next_s - loop.time())
+
+    @contextmanager
+    def eagerly(self) -> Iterator[None]:
+        """Ask more often while somebody waits for rest."""
+        self._waiting += 1
+        try:
+            yield
+        finally:
+            self._waiting -= 1
 
     async def _poll(self) -> None:
         exchange = await self._client.exchange(self._request)

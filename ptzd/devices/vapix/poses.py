@@ -230,7 +230,9 @@ class PoseRing:
             run.witnessed |= self._stopped_ns is not None and t_ns - self._stopped_ns >= settled_ns
             if not run.proven(self._stillness.rest_s):
                 return Motion.SETTLING
-            self._commanded = self._foreign = False
+            self._foreign = False
+            # A shorter rest may lie between two commands, before the second one has started.
+            self._commanded = self._commanded and run.span_ns < self._stillness.start_s * 1e9
             return Motion.STABLE if run.witnessed or run.span_ns >= self._settle_ns else Motion.SETTLING
         known = bool(self._poses)
         if run is not None and not self._commanded:

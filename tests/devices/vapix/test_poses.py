@@ -111,6 +111,18 @@ def test_the_word_of_an_earlier_stop_proves_nothing_about_a_later_move():
     assert ring.rest is None
 
 
+def test_motion_after_a_short_rest_between_two_commands_is_own():
+    ring, _ = ring_of([5] * 5)
+    ring.commanded(450 * MS)
+    ring.started()
+    ring.add(500 * MS, MS, at(6))
+    ring.stopped(500 * MS)
+    for t in (600, 650):
+        ring.add(t * MS, MS, at(6))
+    assert ring.rest is not None
+    assert not ring.add(750 * MS, MS, at(8)).foreign
+
+
 def test_an_exposure_is_at_rest_only_inside_one_proven_run():
     ring, _ = ring_of([0, 3, 6, 6, 6, 6, 6, 9])
     assert ring.rest_over(210 * MS, 590 * MS).mean == at(6)
