@@ -46,7 +46,7 @@ def fisheye(pixels: Pixels, rig: Rig, story: Story) -> Pixels:
     arc = curves.arc_of(rig, story.looks[0].job) if story.looks else None
     if arc is not None:
         for line in curves.in_fisheye(rig, arc):
-            _polyline(picture, line, YELLOW)
+            _polyline(picture, line, YELLOW, thickness=2)
     epipole = curves.epipole_in_fisheye(rig)
     if epipole is not None:
         x, y = epipole
@@ -74,7 +74,7 @@ def view(pixels: Pixels, rig: Rig, look: Look) -> Pixels:
     arc = curves.arc_of(rig, look.job)
     if arc is not None:
         for line in curves.in_view(rig, arc, look.job.view.reading):
-            _polyline(picture, line, YELLOW)
+            _polyline(picture, line, YELLOW, thickness=2)
     if not isinstance(look.answer, MatchFinished):
         return picture
     for rank, candidate in reversed(list(enumerate(look.answer.result.candidates))):
@@ -103,5 +103,4 @@ def _text(picture: Pixels, text: str, at: tuple[float, float], bgr: tuple[int, i
     if not np.isfinite(at).all():
         return
     x, y = (round(float(np.clip(value, -_FAR_PX, _FAR_PX))) for value in at)
-    for colour, thickness in (((0, 0, 0), 3), (bgr, 1)):
-        cv2.putText(picture, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, thickness, cv2.LINE_AA)
+    cv2.putText(picture, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, 0.5, bgr, 1, cv2.LINE_AA)
