@@ -113,8 +113,9 @@ def _normal(problem: Problem, shared: Array, parts: Linearised, weights: Array, 
     def summed(products: Array) -> Array:
         return np.add.reduceat(products, starts, axis=0)
 
-    block = np.einsum("nip,niq->pq", weighted, by_shared)
-    gradient = np.einsum("nip,ni->p", weighted, residuals)
+    size = len(shared)
+    block = weighted.reshape(-1, size).T @ by_shared.reshape(-1, size)
+    gradient = weighted.reshape(-1, size).T @ residuals.ravel()
     if problem.prior_sigma is not None and problem.prior_mean is not None:
         information = 1.0 / problem.prior_sigma**2
         block = block + np.diag(information)
@@ -135,8 +136,9 @@ def _schur(normal: _Normal, free: Index, damping: float) -> tuple[Array, Array, 
     local = normal.local + np.eye(size) * (damping * diagonal + 1e-12 * (1 + diagonal))[:, None, :]
     inverse = np.linalg.inv(local)
     through = np.matmul(normal.cross, inverse)
-    reduced = normal.shared - np.einsum("gpk,gqk->pq", through, normal.cross)
-    gradient = normal.gradient_shared - np.einsum("gpk,gk->p", through, normal.gradient_local)
+    flat = through.transpose(1, 0, 2).reshape(len(normal.shared), -1)
+    reduced = normal.shared - flat @ normal.cross.transpose(1, 0, 2).reshape(len(normal.shared), -1).T
+    gradient = normal.gradient_shared - flat @ normal.gradient_local.ravel()
     reduced = reduced + np.diag(damping * np.diag(normal.shared))
     return reduced[np.ix_(free, free)], gradient[free], inverse, through
 
@@ -193,7 +195,7 @@ def solve(problem: Problem, shared: Array, local: Array) -> Solution:
             accepted = bool(np.isfinite(after)) and after <= before
             damping = max(damping / 10, 1e-9) if accepted else damping * 8
         if accepted:
-            converged = before - after <= 1e-8 * max(before, 1e-30)
+            converged = before - after <= 1e-7 * max(before, 1e-30)
             shared, local, parts = trial, trial_local, trial_parts
         else:
             converged = True
@@ -220,8 +222,8 @@ def _finished(
     steps: int,
 ) -> Solution:
     residuals = parts[0]
-    degrees = max(2.0 * float(weights.sum()) - len(free) - local.size, 1.0)
-    variance = float((weights * np.einsum("ni,ni->n", residuals, residuals)).sum()) / degrees
+    share = max(1.0 - (len(free) + local.size) / (2.0 * len(residuals)), 1.0 / (2.0 * len(residuals)))
+    variance = float((weights * np.einsum("ni,ni->n", residuals, residuals)).sum()) / (2.0 * weights.sum() * share)
     reduced = _schur(_normal(problem, shared, parts, weights, starts), free, 0.0)[0]
     covariance = np.zeros((len(shared), len(shared)))
     covariance[np.ix_(free, free)] = _inverse(reduced) * variance

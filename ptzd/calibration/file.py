@@ -118,6 +118,26 @@ def dump_rig(rig: Rig, provenance: Mapping[str, object]) -> str:
         raise CalibrationError(f"provenance: only plain values can be written; {error}") from error
 
 
+def fisheye_section(camera: CameraModel) -> dict[str, object]:
+    """Return the section ``fisheye`` of a file for a camera."""
+    return _fisheye_part(camera)
+
+
+def read_fisheye_section(section: object, name: str) -> CameraModel:
+    """Return the camera of a section ``fisheye``.
+
+    Raises
+    ------
+    CalibrationError
+        As `read_rig`.
+    """
+    with _prefixed(name):
+        try:
+            return _fisheye(msgspec.convert(section, FisheyePart))  # type: ignore[arg-type]
+        except msgspec.ValidationError as error:
+            raise CalibrationError(_explain(str(error))) from error
+
+
 class _Loader(yaml.SafeLoader):
     """YAML's safe subset, with 1e-3 a number (as in YAML 1.2) and a key given twice an error."""
 
