@@ -64,6 +64,18 @@ class DeviceOffer:
     formats: tuple[FormatOffer, ...]
     controls: tuple[ControlRange, ...]
 
+    def lines(self) -> list[str]:
+        """What a person needs to write settings: the name to use, sizes with rates, controls with ranges."""
+        name = self.stable_names[0] if self.stable_names else f"{self.path} (no stable name)"
+        return [
+            f"{name}: {self.card} ({self.path}, {self.driver}, {self.bus})",
+            *(f"  {offer.fourcc}: {'; '.join(map(str, offer.sizes)) or 'sizes not told'}" for offer in self.formats),
+            *(
+                f"  {control.key}: {control.low} to {control.high}, default {control.default}"
+                for control in self.controls
+            ),
+        ]
+
 
 def list_devices(
     root: Path = Path("/dev"), open_device: Callable[[str], Device] = KernelDevice.open

@@ -37,6 +37,19 @@ def test_formats_sizes_rates_and_controls_are_listed(dev, kernel, make_control):
     assert [control.key for control in offer.controls] == ["gain"]
 
 
+def test_a_device_is_told_in_lines_that_settings_can_be_written_from(dev, kernel, make_control):
+    kernel.controls = [make_control(1, "Gain", 0, 255, 0)]
+    kernel.sizes = {"MJPG": [(64, 48)], "H264": []}
+    first, second, _ = list_devices(dev, kernel.open)[0]
+    assert first.lines()[0].startswith(f"{dev}/video0 (no stable name): Fake Camera")
+    assert second.lines() == [
+        f"{dev}/ptzd/fisheye: Fake Camera ({dev}/video2, fake, usb-1)",
+        "  MJPG: 64x48 @ 30, 15 fps",
+        "  H264: sizes not told",
+        "  gain: 0 to 255, default 0",
+    ]
+
+
 def test_nodes_that_do_not_capture_are_left_out(dev, kernel):
     kernel.caps = 0x00800000
     assert list_devices(dev, kernel.open) == ((), ())
