@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import math
 import time
@@ -12,12 +13,19 @@ from pathlib import Path
 
 import yaml
 from checks import Checks, UvcCamera, shell
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+
+from ptzd.bus.client import Client
+from ptzd.bus.messages import RoiResult
+from ptzd.errors import BusError, RequestRefused
 
 ETC = Path("/etc/ptzd")
 RIG = Path("/run/rig")
 PICTURES = Path("/run/fisheye")
 PASSWORD = "seen-by-nobody-else"
 BOX = (261, 197, 34, 28)
+BUS = "tcp/127.0.0.1:7447"
 DROP_IN = """[Service]
 # The guest computes some thirty times slower than a machine.
 TimeoutStartSec=900
@@ -115,10 +123,31 @@ def property_of(name: str) -> str:
 
 def rig_state() -> str:
     """What the daemon answers on the bus; empty when it does not."""
+
+    async def ask() -> str:
+        async with Client.open(BUS, rig="demo") as client:
+            return (await client.status()).state
+
     try:
-        return str(json.loads(shell("ptzd status --json")).get("state", ""))
-    except ValueError:
+        return asyncio.run(ask())
+    except BusError:
         return ""
+
+
+def look_at_box(name: str, limit_s: float) -> RoiResult | RequestRefused | BusError:
+    """Ask for the box and wait for its result."""
+
+    async def ask() -> RoiResult:
+        async with Client.open(BUS, rig="demo") as client:
+            accepted = await client.request(box=BOX, id=name, hold_s=1.0, timeout_s=limit_s)
+            async for step in client.feedback(accepted.id):
+                print("    ", step.step, step.detail, flush=True)
+            return await client.result(accepted.id, timeout_s=limit_s)
+
+    try:
+        return asyncio.run(ask())
+    except (RequestRefused, BusError) as error:
+        return error
 
 
 def active() -> bool:
@@ -137,32 +166,27 @@ def check_start(checks: Checks) -> None:
         raise RuntimeError("the service does not start")
     checks.until("the rig is idle", well, 300)
     checks.that("its state is in its status", "idle" in property_of("StatusText").lower(), property_of("StatusText"))
+    seen = shell("ptzd status", limit_s=600)
+    checks.that("the command line reaches it", "fisheye" in seen and "well" in seen, seen.splitlines()[:1])
     checks.that("it runs as its own user", shell(f"stat -c %U /proc/{property_of('MainPID')}") == "ptzd")
 
 
 def check_request(checks: Checks, facts: dict[str, str]) -> None:
     begin_s = time.monotonic()
-    answer = shell(f"ptzd aim {','.join(map(str, BOX))} --id first --hold 1 --timeout 1100 --json", limit_s=1200)
-    result = last_document(answer)
-    seen = f"{result.get('reason', answer)} after {time.monotonic() - begin_s:.0f} s"
-    if checks.that("a box is locked", result.get("outcome") == "locked", seen):
+    result = look_at_box("first", 1100.0)
+    seen = f"{result} after {time.monotonic() - begin_s:.0f} s"
+    if checks.that("a box is locked", isinstance(result, RoiResult) and result.outcome == "locked", seen):
         off_deg = error_deg(facts["truth_url"], result)
         checks.that("on what the fisheye sees there", off_deg <= 0.5, f"{off_deg:.3f} deg off the truth")
 
 
-def last_document(text: str) -> dict[str, object]:
-    lines = [line for line in text.splitlines() if line.startswith("{")]
-    return json.loads(lines[-1]) if lines else {}
-
-
-def error_deg(truth_url: str, result: dict[str, object]) -> float:
+def error_deg(truth_url: str, result: RoiResult) -> float:
     """Angle between where the head was pointed and the true direction of the box's centre."""
     centre = f"x={BOX[0] + BOX[2] / 2}&y={BOX[1] + BOX[3] / 2}"
     with urllib.request.urlopen(f"{truth_url}/truth/direction?{centre}", timeout=120) as reply:
         truth = json.load(reply)
     pan, tilt, true_pan, true_tilt = (
-        math.radians(float(angle))
-        for angle in (result["pan_deg"], result["tilt_deg"], truth["pan_deg"], truth["tilt_deg"])
+        math.radians(float(angle)) for angle in (result.pan_deg, result.tilt_deg, truth["pan_deg"], truth["tilt_deg"])
     )
     cosine = math.sin(tilt) * math.sin(true_tilt) + math.cos(tilt) * math.cos(true_tilt) * math.cos(pan - true_pan)
     return math.degrees(math.acos(min(1.0, cosine)))
@@ -211,8 +235,9 @@ def check_loss(checks: Checks, camera: UvcCamera, bad: str, good: str) -> None:
     camera.tell(bad)
     checks.until(f"after {bad} the rig says FAULT", lambda: rig_state() == "FAULT", 120)
     checks.that(f"after {bad} the service is up and answers", active() and property_of("MainPID") == pid)
-    refused = shell(f"ptzd aim {','.join(map(str, BOX))} --id during-{bad} --json", limit_s=300)
-    checks.that(f"after {bad} a request is told why", "fisheye" in refused or "device" in refused, refused[-200:])
+    told = look_at_box(f"during-{bad}", 60.0)
+    outcome = told.outcome if isinstance(told, RoiResult) else type(told).__name__
+    checks.that(f"after {bad} a request is told why", outcome in ("device_lost", "RequestRefused"), told)
     camera.tell(good)
     checks.until(
         f"after {good} the rig is well without a restart", lambda: well() and property_of("MainPID") == pid, 180
@@ -231,10 +256,22 @@ def check_falls(checks: Checks) -> None:
     checks.until("a killed daemon is restarted", lambda: property_of("MainPID") not in (pid, "0"), 300)
     checks.until("and the rig is well once more", well, 600)
     files = sorted(Path("/var/log/ptzd").glob("*.mcap"))
-    broken = [path.name for path in files if "finish" in shell(f"ptzd log info {path} 2>&1 >/dev/null", 300)]
+    broken = [path.name for path in files if not is_whole(path)]
     checks.that("every closed log file is whole", files and not broken, f"{len(files)} files {broken}")
     torn = list(Path("/var/log/ptzd").glob("*.active"))
     checks.that("one file is being written, none is left torn", len(torn) == 1, [path.name for path in torn])
+
+
+def is_whole(path: Path) -> bool:
+    """Whether a log file has its index and every message can be read."""
+    try:
+        with path.open("rb") as stream:
+            reader = make_reader(stream)
+            summary = reader.get_summary()
+            count = sum(1 for _ in reader.iter_messages())
+    except McapError:
+        return False
+    return summary is not None and summary.statistics is not None and count == summary.statistics.message_count > 0
 
 
 def check_stop(checks: Checks) -> None:
