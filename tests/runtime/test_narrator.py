@@ -1,0 +1,59 @@
+from __future__ import annotations
+
+import logging
+
+import pytest
+
+from ptzd.control import commands as cmd
+from ptzd.control import events as ev
+from ptzd.model import FrameRef, HeadReading, Outcome
+from ptzd.runtime.narrator import Narrator
+
+
+@pytest.fixture
+def lines(caplog: pytest.LogCaptureFixture):
+    caplog.set_level(logging.DEBUG, logger="ptzd")
+    narrator = Narrator()
+
+    def tell(event: ev.Event, *commands: cmd.Command) -> list[tuple[int, str]]:
+        caplog.clear()
+        narrator.seen(1, event, list(commands))
+        return [(record.levelno, record.getMessage()) for record in caplog.records]
+
+    return tell
+
+
+QUIET = ev.HeadStopped(t_ns=1)
+
+
+def test_a_loss_is_an_error_and_a_recovery_is_news(lines) -> None:
+    assert lines(ev.DeviceLost(t_ns=1, device=ev.Device.PTZ, reason="no answer")) == [
+        (logging.ERROR, "ptz lost: no answer")
+    ]
+    assert lines(ev.DeviceWell(t_ns=1, device=ev.Device.PTZ)) == [(logging.INFO, "ptz is well")]
+
+
+def test_foreign_motion_is_a_warning(lines) -> None:
+    reading = HeadReading(pan_deg=0, tilt_deg=0, zoom=1)
+    assert lines(ev.ForeignMotion(t_ns=1, reading=reading)) == [(logging.WARNING, "somebody else moves the camera")]
+
+
+def test_positions_and_frames_are_no_news(lines) -> None:
+    assert lines(QUIET) == []
+    assert lines(ev.FrameArrived(t_ns=1, frame=FrameRef(seq=1, t_capture_ns=1))) == []
+
+
+@pytest.mark.parametrize(("outcome", "level"), [(Outcome.LOCKED, logging.INFO), (Outcome.LOST, logging.WARNING)])
+def test_a_result_is_told_with_its_request(lines, caplog, outcome: Outcome, level: int) -> None:
+    result = cmd.PublishResult(id="gate-3", outcome=outcome, reason="so it is", label="", elapsed_ms=1500, views=2)
+    assert lines(QUIET, result) == [(level, f"request gate-3: {outcome} after 1.5 s: so it is")]
+    assert caplog.records[0].request == "gate-3"
+
+
+def test_a_state_is_told_when_it_changes(lines) -> None:
+    def status(state: str) -> cmd.PublishStatus:
+        return cmd.PublishStatus(state=state, active=None, phase="", queue=(), fisheye="", ptz="", held=False)
+
+    assert [text for _, text in lines(QUIET, status("IDLE"))] == ["– → IDLE"]
+    assert lines(QUIET, status("IDLE")) == []
+    assert lines(QUIET, status("FAULT")) == [(logging.ERROR, "IDLE → FAULT")]
