@@ -10,8 +10,11 @@ import numpy as np
 
 from ptzd.app.daemon import open_fisheye
 from ptzd.app.loading import Loaded
+from ptzd.config import Ptz
 from ptzd.devices.vapix.head import VapixHead
+from ptzd.devices.vapix.timing import measure_timing
 from ptzd.errors import ConfigError, DeviceLost
+from ptzd.model import HeadReading
 from ptzd.runtime.clock import SteadyClock
 from ptzd.runtime.frames import jpeg_size_px
 
@@ -36,8 +39,8 @@ def check_files(loaded: Loaded) -> list[str]:
     ]
 
 
-async def check_cameras(loaded: Loaded) -> list[str]:
-    """Lines about both cameras as they answer now.
+async def check_cameras(loaded: Loaded, *, timing: bool) -> list[str]:
+    """Lines about both cameras as they answer now; with ``timing`` the head makes a few small steps.
 
     Raises
     ------
@@ -49,7 +52,11 @@ async def check_cameras(loaded: Loaded) -> list[str]:
         limits = await head.describe()
         poll = await anext(head.polls())
         picture, view = await head.grab(clock.now_ns())
+        warnings = head.capabilities.warnings if head.capabilities is not None else ()
+        delays = await _delays(head, poll.reading, config.ptz) if timing else []
     lines = [
+        *(f"ptz          warning: {warning}" for warning in warnings),
+        *delays,
         f"ptz          limits pan {limits.pan_deg}, tilt {limits.tilt_deg}, zoom {limits.zoom}",
         f"ptz          now pan {poll.reading.pan_deg:.3f}°, tilt {poll.reading.tilt_deg:.3f}°, "
         f"zoom {poll.reading.zoom:g}, picture sharp? {_sharpness(picture.jpeg):.0f} (variance of the Laplacian)",
@@ -64,6 +71,15 @@ async def check_cameras(loaded: Loaded) -> list[str]:
                 f"fisheye: no picture within {PICTURE_S:g} s; check cable, device name or address"
             ) from None
     return [*lines, _size_line("fisheye", first.jpeg, rig.fisheye.size_px)]
+
+
+async def _delays(head: VapixHead, start: HeadReading, settings: Ptz) -> list[str]:
+    measured = await measure_timing(head, start)
+    latency_s, offset_ms = settings.report_lag_s + measured.offset_s, 1000 * measured.offset_s
+    return [
+        f"ptz          pictures come {offset_ms:+.0f} ± {1000 * measured.sigma_s:.0f} ms against reports: "
+        f"set ptz.image_latency_s to {latency_s:.3f} with ptz.report_lag_s {settings.report_lag_s:g}"
+    ]
 
 
 def _size_line(name: str, jpeg: bytes, wanted: tuple[int, int]) -> str:

@@ -32,8 +32,8 @@ def check(arguments: argparse.Namespace) -> int:
     loaded = load(arguments.config)
     for line in check_files(loaded):
         print(line)
-    if arguments.connect:
-        for line in asyncio.run(check_cameras(loaded)):
+    if arguments.connect or arguments.timing:
+        for line in asyncio.run(check_cameras(loaded, timing=arguments.timing)):
             print(line)
     return 0
 

@@ -50,11 +50,6 @@ def begin(work: Work, active: Active, found: Found) -> Ended | None:
     return _aim(work, active)
 
 
-def on_arrived(work: Work, active: Active) -> None:
-    """At rest: take the picture that tells whether it is right."""
-    work.grab()
-
-
 def on_view(work: Work, active: Active, view: ViewRef) -> None:
     """Match again, now knowing nearly where."""
     lock, request = _lock(active), active.request
@@ -125,7 +120,7 @@ def on_deadline(work: Work, active: Active) -> Ended | None:
     if lock.verify_ns is not None and work.t_ns >= lock.verify_ns:
         lock.verify_ns = None
         lock.corrections = 0
-        work.grab()
+        work.grab(work.t_ns)
     return None
 
 

@@ -292,7 +292,7 @@ class Machine:
         if memory.state is State.HOME:
             memory.state = State.IDLE
         elif memory.active is not None:
-            self._work.grab()
+            self._work.grab(memory.moved_ns)
 
     def _on_stalled(self, event: ev.HeadStalled) -> None:
         self._memory.reading = event.reading

@@ -156,6 +156,8 @@ class Memory:
     ended: list[Ended] = field(default_factory=list)
     head: HeadWork | None = None
     matches: list[MatchWork] = field(default_factory=list)
+    moved_ns: int = 0
+    """When the last move was asked for: a picture at rest after it shows where it led."""
     next_id: int = 1
     held: bool = False
     home_at_ns: int | None = None

@@ -60,11 +60,6 @@ def begin(work: Work, active: Active) -> Ended | None:
     return None
 
 
-def on_arrived(work: Work, active: Active) -> None:
-    """At rest at a view: take its picture."""
-    work.grab()
-
-
 def on_view(work: Work, active: Active, view: ViewRef) -> Progress:
     """Match the picture while the head goes on to the next view."""
     scan, request = _scan(active), active.request

@@ -58,13 +58,14 @@ class Work:
         number = self._new_id()
         until = self.t_ns + seconds(self.config.ptz.move_timeout_s) + MOVE_GUARD_NS
         self.memory.head = HeadWork(kind=Awaited.MOVE, id=number, until_ns=until)
+        self.memory.moved_ns = self.t_ns
         self.out.append(cmd.MoveHead(move_id=number, target=target))
 
-    def grab(self) -> None:
-        """Ask for a picture taken at rest from now on."""
+    def grab(self, not_before_ns: int) -> None:
+        """Ask for a picture taken at rest at or after this time; after a move, rest before it never counts."""
         number = self._new_id()
         self.memory.head = HeadWork(kind=Awaited.GRAB, id=number, until_ns=self.t_ns + GRAB_GUARD_NS)
-        self.out.append(cmd.GrabView(grab_id=number, not_before_ns=self.t_ns))
+        self.out.append(cmd.GrabView(grab_id=number, not_before_ns=not_before_ns))
 
     def match(
         self,
