@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import struct
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import cv2
 import yaml
+from mcap.opcode import Opcode
 
 from ptzd.app.fingerprint import fingerprint
 from ptzd.app.loading import checked_rig, load_config
 from ptzd.config import parse_config
+from ptzd.errors import CalibrationError
 from ptzd.log.reader import LogReader
-from ptzd.replay.compare import ACROSS_MACHINES, EXACT
+from ptzd.log.records import RecordFile
+from ptzd.replay.compare import ACROSS_MACHINES, EXACT, ROUNDING, Tolerance
 from ptzd.replay.drive import Player, Replay
 from ptzd.runtime.perception import ThreadPerception
+
+_SPAN = struct.Struct("<QQ")
+"""Head of a chunk: time of its first and of its last message, ns."""
 
 
 def replay(
@@ -47,18 +54,57 @@ def replay(
     cv2.setNumThreads(1)
     with LogReader(path) as reader:
         run = reader.run
-        config = parse_config(yaml.safe_load(run.config_text), f"{path}: config.yaml")
-        if config_path is not None:
-            config = load_config(config_path)
-        calibration = run.calibration_text if calibration_path is None else calibration_path.read_text()
-        rig = checked_rig(config, calibration, f"{path}: rig.yaml")
-        same_machine = dict(run.fingerprint) == dict(fingerprint())
-        perception = ThreadPerception(rig) if recompute else None
-        return Player(
+        recorded_config = parse_config(yaml.safe_load(run.config_text), f"{path}: config.yaml")
+        recorded_rig = checked_rig(recorded_config, run.calibration_text, f"{path}: rig.yaml")
+        config = recorded_config if config_path is None else load_config(config_path)
+        rig = recorded_rig
+        if calibration_path is not None or config_path is not None:
+            text = run.calibration_text if calibration_path is None else _text(calibration_path)
+            rig = checked_rig(config, text, str(calibration_path or f"{path}: rig.yaml"))
+        what_if = config_path is not None or calibration_path is not None
+        regime, tolerance = _regime(run.fingerprint, recompute=recompute)
+        found = Player(
             reader=reader,
             rig=rig,
             config=config,
-            matcher=None if perception is None else perception.match_now,
-            tolerance=EXACT if same_machine or not recompute else ACROSS_MACHINES,
+            recorded=(recorded_rig, recorded_config) if recompute or what_if else None,
+            matcher=ThreadPerception(rig).match_now if recompute else None,
+            tolerance=tolerance,
             advanced=advanced,
         ).run()
+    changed = [str(other) for other in (config_path, calibration_path) if other is not None]
+    found.regime = ", ".join([*(f"with {name}" for name in changed), regime])
+    return found
+
+
+def time_span_ns(path: Path) -> tuple[int, int]:
+    """First and last time of a file, for a progress bar; only the heads of its chunks are read.
+
+    Raises
+    ------
+    LogError
+        It cannot be read or is torn.
+    """
+    with RecordFile(path) as file:
+        heads = [file.read(frame.body, _SPAN.size) for frame in file.frames() if frame.opcode == Opcode.CHUNK]
+    spans = [_SPAN.unpack(head) for head in heads if len(head) == _SPAN.size]
+    return min((first for first, _ in spans if first), default=0), max((last for _, last in spans), default=0)
+
+
+def _regime(recorded: Mapping[str, str], *, recompute: bool) -> tuple[str, Tolerance]:
+    """What counts as equal, as words and numbers."""
+    here = fingerprint()
+    other = sorted(name for name in recorded.keys() | here.keys() if recorded.get(name) != here.get(name))
+    what = "matches computed anew" if recompute else "decisions on the recorded matches"
+    if not other:
+        return f"{what}, to the bit: same fingerprint as recorded", EXACT
+    tolerance = ACROSS_MACHINES if recompute else ROUNDING
+    limits = f"within {tolerance.deg:g}° and {tolerance.relative:g} of other values"
+    return f"{what}, {limits}: the machine that recorded differs in {', '.join(other)}", tolerance
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text()
+    except (OSError, UnicodeDecodeError) as error:
+        raise CalibrationError(f"{path}: cannot be read: {error}") from None

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from ptzd import __version__
-from ptzd.cli import asking, offline, rig
+from ptzd.cli import asking, offline, replaying, rig
 from ptzd.model import Box, Matcher
 
 EX_USAGE = 64
@@ -80,6 +80,7 @@ def _add_rig_commands(commands: argparse._SubParsersAction[_Parser]) -> None:
     check = commands.add_parser("check", help="settings and calibration; with --connect both cameras too")
     check.add_argument("--config", type=Path, required=True)
     check.add_argument("--connect", action="store_true", help="talk to both cameras and report what they are")
+    check.add_argument("--timing", action="store_true", help="measure the delay of pictures by a few small steps too")
     check.set_defaults(run=rig.check)
     sim = commands.add_parser("sim", help="the simulated rig alone")
     sim.add_argument("--list", action="store_true", help="names of scenes and profiles")
@@ -158,8 +159,11 @@ def _add_offline_commands(commands: argparse._SubParsersAction[_Parser]) -> None
     replay.add_argument("--recompute", action="store_true", help="run every match again on the recorded pictures")
     replay.add_argument("--config", type=Path, help="what if: other settings")
     replay.add_argument("--calibration", type=Path, help="what if: another calibration")
+    replay.add_argument(
+        "--junit", type=Path, metavar="FILE", help="write a test report: a suite per file, a case per request"
+    )
     replay.add_argument("--json", action="store_true")
-    replay.set_defaults(run=offline.replay)
+    replay.set_defaults(run=replaying.replay)
     _add_log_commands(commands.add_parser("log", help="contents of a log, repair, tables and pictures out"))
     schema = commands.add_parser("schema", help="JSON Schema of the bus messages")
     schema.add_argument("type", nargs="?")

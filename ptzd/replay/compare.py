@@ -1,41 +1,96 @@
-"""Field by field comparison of commands and results, exact or within a written tolerance."""
+"""Comparison of commands and results, exact or within a written tolerance."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+
+from ptzd.control import commands as cmd
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tolerance:
     """What may differ between machines whose arithmetic differs in the last bits.
 
-    Measured with OpenCV's and numpy's dispatch to other CPU features: homographies move by up to 0.7 px, which at the
-    scale of a fisheye is below 0.2°; probabilities and scores follow.
+    Angles are fields whose names end in ``_rad`` or ``_deg``; for them a share of the value would mean nothing.
     """
 
-    relative: float
+    rad: float
+    deg: float
     absolute: float
+    """For everything else: this or the relative one, whichever is larger."""
+    relative: float
+
+    def allows(self, name: str, one: float, other: float) -> bool:
+        """Whether two values of a field may stand for each other."""
+        if one == other or (math.isnan(one) and math.isnan(other)):
+            return True
+        if name.endswith("_rad"):
+            limit = self.rad
+        elif name.endswith("_deg"):
+            limit = self.deg
+        else:
+            limit = max(self.absolute, self.relative * abs(one))
+        return abs(one - other) <= limit
 
 
-EXACT = Tolerance(relative=0.0, absolute=0.0)
-ACROSS_MACHINES = Tolerance(relative=1e-3, absolute=0.2)
-IGNORED = frozenset({"elapsed_ms"})
-"""Time that a matcher took; no decision looks at it."""
+EXACT = Tolerance(rad=0.0, deg=0.0, absolute=0.0, relative=0.0)
+ROUNDING = Tolerance(rad=1e-9, deg=1e-9, absolute=1e-9, relative=1e-9)
+"""Decisions on another machine: products of matrices and ``arctan2`` round elsewhere. Measured with numpy's dispatch
+disabled and with OpenBLAS' kernels for Nehalem and Haswell: set points move by up to 2e-14 of their value."""
+ACROSS_MACHINES = Tolerance(rad=1e-5, deg=1e-3, absolute=5e-4, relative=1e-3)
+"""Matches computed anew on another machine. OpenCV's warps and convolutions without AVX2 and other OpenBLAS kernels
+move, over 50 matches, directions by up to 1.7e-6 rad, scores and planes by 5e-5, the sharpness by 9e-5, corners by
+0.002 px; the number of candidates stays. Five times that, so that a real change (0.01° and more) is still seen."""
+
+IGNORED = frozenset({"MatchFinished.result.elapsed_ms"})
+"""The time that a match took; no decision looks at it."""
+
+KIND: Mapping[type[cmd.Command], tuple[str, ...]] = {
+    cmd.MoveHead: ("move_id",),
+    cmd.GrabView: ("grab_id",),
+    cmd.RunMatch: ("match_id", "request_id", "frame"),
+    cmd.PinFrame: ("request_id", "frame"),
+    cmd.ReleaseFrames: ("request_id",),
+    cmd.ReplyAccepted: ("token", "id", "position"),
+    cmd.ReplyRefused: ("token", "code"),
+    cmd.ReplyOutcome: ("token", "outcome"),
+    cmd.PublishFeedback: ("id", "step"),
+    cmd.PublishResult: ("id", "outcome"),
+    cmd.PublishStatus: ("state", "active", "phase", "queue"),
+}
+"""What makes a command another one. Where kinds differ, the world would have answered otherwise from there on."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Difference:
-    """One field that differs."""
+    """Something that is not as recorded."""
 
     sequence: int
+    """Of the event that was answered."""
+    event: str
+    """Its type."""
+    request: str
+    """Empty outside of any."""
     path: str
     recorded: str
     replayed: str
+    parts: bool
+    """Whether another kind of decision was taken: what was recorded afterwards no longer fits this request."""
 
     def __str__(self) -> str:
-        return f"event {self.sequence}: {self.path}: recorded {self.recorded}, replayed {self.replayed}"
+        where = f"{self.path}: " if self.path else ""
+        return f"event {self.sequence} ({self.event}): {where}recorded {self.recorded}, replayed {self.replayed}"
+
+
+def kind(command: cmd.Command | None) -> str:
+    """Type of a command with what makes it another one, as text."""
+    if command is None:
+        return "nothing"
+    values = (getattr(command, name) for name in KIND.get(type(command), ()))
+    return " ".join([type(command).__name__, *(_shown(value) for value in values)])
 
 
 def differences(path: str, recorded: object, replayed: object, tolerance: Tolerance) -> list[tuple[str, str, str]]:
@@ -46,39 +101,33 @@ def differences(path: str, recorded: object, replayed: object, tolerance: Tolera
     list of (path, recorded, replayed)
         Empty when equal within the tolerance.
     """
-    if dataclasses.is_dataclass(recorded) and not isinstance(recorded, type) and type(recorded) is type(replayed):
+    one, other = _parts(recorded), _parts(replayed)
+    if one is not None and other is not None and type(recorded) is type(replayed) and one.keys() == other.keys():
         return [
             found
-            for field in dataclasses.fields(recorded)
-            if field.name not in IGNORED
-            for found in differences(
-                f"{path}.{field.name}", getattr(recorded, field.name), getattr(replayed, field.name), tolerance
-            )
+            for name, value in one.items()
+            if path + name not in IGNORED
+            for found in differences(f"{path}{name}", value, other[name], tolerance)
         ]
-    if isinstance(recorded, dict) and isinstance(replayed, dict) and recorded.keys() == replayed.keys():
-        return [
-            found
-            for key, value in recorded.items()
-            if key not in IGNORED
-            for found in differences(f"{path}.{key}", value, replayed[key], tolerance)
-        ]
-    if isinstance(recorded, tuple | list) and isinstance(replayed, tuple | list) and len(recorded) == len(replayed):
-        return [
-            found
-            for index, (one, other) in enumerate(zip(recorded, replayed, strict=True))
-            for found in differences(f"{path}[{index}]", one, other, tolerance)
-        ]
-    if _same(recorded, replayed, tolerance):
-        return []
-    return [(path, _shown(recorded), _shown(replayed))]
+    if isinstance(recorded, float) and isinstance(replayed, float | int):
+        name = path.rpartition(".")[2].partition("[")[0]
+        same = tolerance.allows(name, recorded, replayed)
+    else:
+        same = bool(recorded == replayed)
+    return [] if same else [(path, _shown(recorded), _shown(replayed))]
 
 
-def _same(one: object, other: object, tolerance: Tolerance) -> bool:
-    if isinstance(one, float) and isinstance(other, float | int):
-        return one == other or math.isclose(one, other, rel_tol=tolerance.relative, abs_tol=tolerance.absolute)
-    return bool(one == other)
+def _parts(value: object) -> dict[str, object] | None:
+    """Members of a composed value by what their paths add; None of a plain one."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f".{field.name}": getattr(value, field.name) for field in dataclasses.fields(value)}
+    if isinstance(value, dict):
+        return {f".{key}": item for key, item in value.items()}
+    if isinstance(value, tuple | list):
+        return {f"[{index}]": item for index, item in enumerate(value)}
+    return None
 
 
 def _shown(value: object) -> str:
-    text = type(value).__name__ if dataclasses.is_dataclass(value) else repr(value)
+    text = str(value) if isinstance(value, str) else repr(value)
     return text if len(text) <= 80 else f"{text[:77]}…"

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
+
+import msgspec
 
 from ptzd.config import Config
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
 from ptzd.control.machine import Machine
+from ptzd.control.memory import Memory
 from ptzd.control.states import ImpossibleEvent
 from ptzd.errors import LogError, PtzdError
 from ptzd.geometry.rig import Rig
-from ptzd.log.reader import LoggedCommand, LoggedEvent, LogReader
+from ptzd.log.reader import LoggedEvent, LogReader
+from ptzd.log.topics import FISHEYE_IMAGE, PTZ_IMAGE
 from ptzd.model import MatchResult
-from ptzd.replay.compare import EXACT, Difference, Tolerance, differences
+from ptzd.replay.compare import EXACT, Difference, Tolerance, differences, kind
 
 Matcher = Callable[[cmd.RunMatch, bytes, bytes], MatchResult]
 """Runs one match on the bytes of a fisheye frame and a view."""
@@ -26,6 +31,8 @@ Matcher = Callable[[cmd.RunMatch, bytes, bytes], MatchResult]
 class Replay:
     """What a replay found."""
 
+    regime: str = ""
+    """What was done and what counts as equal, for a person."""
     events: int = 0
     commands: int = 0
     matches: int = 0
@@ -35,7 +42,12 @@ class Replay:
     recorded: dict[str, cmd.PublishResult] = field(default_factory=dict)
     """Results by request, as recorded."""
     replayed: dict[str, cmd.PublishResult] = field(default_factory=dict)
+    """A request that parted before its end has none: nobody took the pictures that it would have asked for."""
     differences: list[Difference] = field(default_factory=list)
+    """Of each request the first, and where it parts."""
+    elapsed_s: float = 0.0
+    reading_s: float = 0.0
+    """Part of ``elapsed_s`` in which the file was read and decoded."""
 
     @property
     def same(self) -> bool:
@@ -47,17 +59,31 @@ class Replay:
         """Recorded time, s."""
         return (self.t_last_ns - self.t_first_ns) / 1e9
 
+    @property
+    def speed(self) -> float:
+        """Recorded time over the time that the replay took."""
+        return self.span_s / max(self.elapsed_s, 1e-9)
+
 
 @dataclass(slots=True)
 class _Step:
     """An event with the commands that were recorded for it."""
 
-    logged: LoggedEvent
+    sequence: int
+    event: ev.Event
     commands: list[cmd.Command] = field(default_factory=list)
+
+    def active(self, before: str) -> str:
+        """Request that is served after it, as recorded; empty when none."""
+        told = next((told for told in reversed(self.commands) if isinstance(told, cmd.PublishStatus)), None)
+        return before if told is None else told.active or ""
 
 
 class Player:
     """Replays one file.
+
+    Every request is compared up to its first other decision. From there on the recording does not fit it any more, so
+    the core is set back to where the recorded one stood when that request was over.
 
     Parameters
     ----------
@@ -65,6 +91,8 @@ class Player:
         The file, open.
     rig, config
         Those of the file, or others to see what would have been.
+    recorded : tuple of Rig and Config, optional
+        Those of the file, when the replayed core may decide otherwise on purpose or because of new match results.
     matcher : callable, optional
         With it every match is run again on the recorded bytes, and the core is driven with the new results.
     tolerance : Tolerance
@@ -79,6 +107,7 @@ class Player:
         reader: LogReader,
         rig: Rig,
         config: Config,
+        recorded: tuple[Rig, Config] | None = None,
         matcher: Matcher | None = None,
         tolerance: Tolerance = EXACT,
         advanced: Callable[[int], None] = lambda t_ns: None,
@@ -86,9 +115,15 @@ class Player:
         self._reader = reader
         self._rig = rig
         self._config = config
+        self._recorded = recorded
         self._matcher = matcher
         self._tolerance = tolerance
         self._advanced = advanced
+        self._machine: Machine | None = None
+        self._reference: Machine | None = None
+        self._active = ""
+        self._differing: set[str] = set()
+        self._parted: set[str] = set()
         self._jobs: dict[int, cmd.RunMatch] = {}
         self._replay = Replay()
 
@@ -100,66 +135,122 @@ class Player:
         LogError
             When the file has no snapshot at its head or is damaged.
         """
-        machine: Machine | None = None
-        for step in _steps(self._reader):
-            event = step.logged.event
-            if isinstance(event, ev.Snapshot):
-                machine = machine or Machine.restored(self._rig, self._config, event)
-                self._replay.t_first_ns = self._replay.t_first_ns or event.t_ns
-                continue
-            if machine is None:
+        replay, started = self._replay, time.perf_counter()
+        steps = _steps(self._reader)
+        while True:
+            before = time.perf_counter()
+            step = next(steps, None)
+            replay.reading_s += time.perf_counter() - before
+            if step is None:
+                break
+            if isinstance(step.event, ev.Snapshot):
+                if not replay.t_first_ns:
+                    self._begin(step.event)
+            elif not replay.t_first_ns:
                 raise LogError(
                     f"{self._reader.path}: the first event is no snapshot; the file cannot be replayed alone"
                 )
-            self._play(machine, step)
-        return self._replay
+            else:
+                self._play(step)
+        replay.elapsed_s = time.perf_counter() - started
+        return replay
 
-    def _play(self, machine: Machine, step: _Step) -> None:
-        replay, sequence = self._replay, step.logged.sequence
-        event = self._computed_anew(sequence, step.logged.event)
+    def _begin(self, snapshot: ev.Snapshot) -> None:
+        self._replay.t_first_ns = self._replay.t_last_ns = snapshot.t_ns
+        self._machine = Machine.restored(self._rig, self._config, snapshot)
+        if self._recorded is not None:
+            self._reference = Machine.restored(*self._recorded, snapshot)
+        active = msgspec.convert(snapshot.state, Memory, strict=False).active
+        self._active = active.request.id if active is not None else ""
+
+    def _play(self, step: _Step) -> None:
+        replay = self._replay
         replay.events += 1
-        replay.t_last_ns = event.t_ns
-        self._advanced(event.t_ns)
+        replay.commands += len(step.commands)
+        replay.t_last_ns = step.event.t_ns
+        self._advanced(step.event.t_ns)
+        if self._machine is None and self._reference is not None and self._active not in self._parted - {""}:
+            self._machine = Machine.restored(self._rig, self._config, self._reference.snapshot(step.event.t_ns))
+        if self._machine is not None:
+            self._decide(self._machine, step)
+        if self._reference is not None:
+            with contextlib.suppress(ImpossibleEvent, PtzdError):  # another version of the core; the comparison tells
+                self._reference.handle(step.event)
+        replay.recorded |= {told.id: told for told in step.commands if isinstance(told, cmd.PublishResult)}
+        self._active = step.active(self._active)
+
+    def _decide(self, machine: Machine, step: _Step) -> None:
+        event = self._computed_anew(step)
         try:
             commands = machine.handle(event)
         except (ImpossibleEvent, PtzdError) as error:
-            self._differ(sequence, type(event).__name__, "handled", str(error))
+            self._differ(step, self._active, "", "handled", str(error), parts=True)
             return
-        replay.commands += len(step.commands)
-        self._compare(sequence, step.commands, commands)
-        for command in commands:
-            if isinstance(command, cmd.RunMatch):
-                self._jobs[command.match_id] = command
-            if isinstance(command, cmd.PublishResult):
-                replay.replayed[command.id] = command
-        for command in step.commands:
-            if isinstance(command, cmd.PublishResult):
-                replay.recorded[command.id] = command
+        self._jobs |= {told.match_id: told for told in commands if isinstance(told, cmd.RunMatch)}
+        self._replay.replayed |= {told.id: told for told in commands if isinstance(told, cmd.PublishResult)}
+        self._compare(step, commands)
 
-    def _computed_anew(self, sequence: int, event: ev.Event) -> ev.Event:
-        if self._matcher is None or not isinstance(event, ev.MatchFinished):
+    def _computed_anew(self, step: _Step) -> ev.Event:
+        event = step.event
+        if self._matcher is None or not isinstance(event, ev.MatchFinished) or event.match_id not in self._jobs:
             return event
-        job = self._jobs.pop(event.match_id, None)
-        if job is None:
+        job = self._jobs.pop(event.match_id)
+        before = time.perf_counter()
+        try:
+            fisheye = self._reader.picture(FISHEYE_IMAGE, job.frame)
+            view = self._reader.picture(PTZ_IMAGE, job.view.frame)
+        except LogError as error:
+            self._differ(step, job.request_id, "", "a result", str(error))
             return event
-        fisheye = self._reader.picture("/fisheye/image", job.frame)
-        view = self._reader.picture("/ptz/image", job.view.frame)
+        finally:
+            self._replay.reading_s += time.perf_counter() - before
         result = self._matcher(job, fisheye, view)
         self._replay.matches += 1
-        for found in differences("MatchFinished.result", event.result, result, self._tolerance):
-            self._differ(sequence, *found)
+        for found in differences("MatchFinished.result", event.result, result, self._tolerance)[:1]:
+            self._differ(step, job.request_id, *found)
         return dataclasses.replace(event, result=dataclasses.replace(result, elapsed_ms=event.result.elapsed_ms))
 
-    def _compare(self, sequence: int, recorded: list[cmd.Command], replayed: list[cmd.Command]) -> None:
+    def _compare(self, step: _Step, replayed: list[cmd.Command]) -> None:
+        recorded = step.commands
         for index in range(max(len(recorded), len(replayed))):
             one = recorded[index] if index < len(recorded) else None
             other = replayed[index] if index < len(replayed) else None
-            name = type(one if one is not None else other).__name__
-            for found in differences(name, one, other, self._tolerance):
-                self._differ(sequence, *found)
+            request = self._request_of(one, step) or self._request_of(other, step)
+            if kind(one) != kind(other):
+                self._differ(step, request, "", kind(one), kind(other), parts=True)
+                return
+            for found in differences(type(one).__name__, one, other, self._tolerance)[:1]:
+                self._differ(step, request, *found)
 
-    def _differ(self, sequence: int, path: str, recorded: str, replayed: str) -> None:
-        self._replay.differences.append(Difference(sequence=sequence, path=path, recorded=recorded, replayed=replayed))
+    def _request_of(self, command: cmd.Command | None, step: _Step) -> str:
+        """Whose decision it is: it says so itself, or the event does, or it is for the one that is being served."""
+        if command is None:
+            return ""
+        named = getattr(command, "request_id", None) or getattr(command, "id", None) or getattr(step.event, "id", None)
+        return named or self._active or step.active(self._active)
+
+    def _differ(
+        self, step: _Step, request: str, path: str, recorded: str, replayed: str, *, parts: bool = False
+    ) -> None:
+        """Tell a request's first difference and where it parts; what follows from these is no news."""
+        if request not in self._parted and (parts or request not in self._differing):
+            self._replay.differences.append(
+                Difference(
+                    sequence=step.sequence,
+                    event=type(step.event).__name__,
+                    request=request,
+                    path=path,
+                    recorded=recorded,
+                    replayed=replayed,
+                    parts=parts,
+                )
+            )
+        self._differing.add(request)
+        if parts:
+            self._parted.add(request)
+            self._jobs.clear()
+            if self._reference is not None:
+                self._machine = None
 
 
 def _steps(reader: LogReader) -> Iterator[_Step]:
@@ -168,17 +259,8 @@ def _steps(reader: LogReader) -> Iterator[_Step]:
         if isinstance(logged, LoggedEvent):
             if step is not None:
                 yield step
-            step = _Step(logged)
-        elif isinstance(logged, LoggedCommand) and step is not None:
+            step = _Step(logged.sequence, logged.event)
+        elif step is not None:
             step.commands.append(logged.command)
     if step is not None:
         yield step
-
-
-def time_span_ns(path: Path) -> tuple[int, int]:
-    """First and last event time of a file, for a progress bar."""
-    with LogReader(path) as reader:
-        times = [entry.log_ns for entry in reader.entries(("/event",))]
-    if not times:
-        raise LogError(f"{path}: no events; nothing to replay")
-    return times[0], times[-1]
