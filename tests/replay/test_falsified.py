@@ -1,0 +1,253 @@
+"""Logs of lives in virtual time, written as the daemon writes them: a true one replays, a falsified one is caught."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import time
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import msgspec
+import pytest
+import yaml
+
+from ptzd.app.fingerprint import fingerprint, versions
+from ptzd.calibration.file import read_rig
+from ptzd.cli import entry
+from ptzd.config import Config, FilesSource, LogSettings, Ptz
+from ptzd.control import commands as cmd
+from ptzd.control import events as ev
+from ptzd.control.machine import Machine
+from ptzd.control.states import State
+from ptzd.geometry.rig import Rig
+from ptzd.log.run import RunInfo
+from ptzd.log.writer import McapLog
+from ptzd.model import FrameRef
+from ptzd.ports import Picture
+
+CONTROL = Path(__file__).parents[1] / "control" / "conftest.py"
+CALIBRATION = Path(__file__).parents[2] / "config" / "rig.example.yaml"
+
+Step = tuple[ev.Event, list[cmd.Command]]
+Falsify = Callable[[list[Step]], list[Step]]
+
+
+class Clock:
+    def now_ns(self) -> int:
+        return time.time_ns()
+
+    def from_monotonic_ns(self, monotonic_ns: int) -> int:
+        return monotonic_ns
+
+
+@pytest.fixture(scope="session")
+def virtual() -> ModuleType:
+    """The world in virtual time that tests of the core use."""
+    spec = importlib.util.spec_from_file_location("virtual_world", CONTROL)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="session")
+def calibration_text() -> str:
+    return CALIBRATION.read_text()
+
+
+@pytest.fixture(scope="session")
+def rig(calibration_text: str) -> Rig:
+    return read_rig(calibration_text, "rig.yaml")
+
+
+@pytest.fixture(scope="session")
+def config() -> Config:
+    return Config(
+        rig="test",
+        calibration="rig.yaml",
+        fisheye=FilesSource(path="pictures"),
+        ptz=Ptz(url="http://127.0.0.1:9", user="operator"),
+    )
+
+
+@pytest.fixture(scope="session")
+def steps(virtual: ModuleType, rig: Rig, config: Config) -> list[Step]:
+    """A lock, a refusal, a pre-emption, a loss and a recovery."""
+    world = virtual.World(rig, config)
+    world.start()
+    world.request("first", hold_s=1.0)
+    world.run(until=State.IDLE)
+    world.frame(1)
+    world.request("refused", token=2, frame_seq=77)
+    world.request("slow", token=3, hold_s=50.0)
+    world.run(until=State.LOCK)
+    world.frame(2)
+    world.request("urgent", token=4, priority=5, hold_s=50.0)
+    world.run(1.0)
+    world.tell(ev.DeviceLost(t_ns=world.t_ns, device=ev.Device.FISHEYE, reason="unplugged"))
+    world.tell(ev.DeviceWell(t_ns=world.t_ns, device=ev.Device.FISHEYE))
+    world.run(30.0)
+    machine = Machine(rig, config)
+    return [(event, machine.handle(event)) for event in world.told]
+
+
+@pytest.fixture
+def record(
+    rig: Rig, config: Config, calibration_text: str, steps: list[Step], tmp_path: Path
+) -> Callable[..., Awaitable[Path]]:
+    """Writes the steps, falsified or not, as a log; the path of the file."""
+
+    async def write(falsify: Falsify = list, *, folder: str = "log", foreign: bool = False) -> Path:
+        run = RunInfo(
+            rig="test",
+            config_text=yaml.safe_dump(msgspec.to_builtins(config)),
+            calibration_text=calibration_text,
+            versions=versions(),
+            fingerprint={"cpu": "another"} if foreign else fingerprint(),
+        )
+        directory = tmp_path / folder
+        settings = LogSettings(directory=str(directory), min_free_bytes=0)
+        async with McapLog(settings, run, Clock()) as log:
+            log.rotate(1, Machine(rig, config).snapshot(steps[0][0].t_ns))
+            for number, (event, commands) in enumerate(falsify(list(steps)), 2):
+                if isinstance(event, ev.FrameArrived):
+                    log.picture("/fisheye/image", picture(event.frame))
+                if isinstance(event, ev.ViewTaken):
+                    log.picture("/ptz/image", picture(event.view.frame))
+                log.event(number, event)
+                for command in commands:
+                    log.command(number, event.t_ns, command)
+        (path,) = directory.glob("*.mcap")
+        return path
+
+    return write
+
+
+def picture(frame: FrameRef) -> Picture:
+    return Picture(
+        frame=frame, t_arrival_ns=frame.t_capture_ns, jpeg=b"\xff\xd8" + bytes([frame.seq % 256]) + b"\xff\xd9"
+    )
+
+
+def first(steps: list[Step], kind: type[cmd.Command]) -> tuple[int, int]:
+    """Where the first command of a kind stands."""
+    return next(
+        (number, index)
+        for number, (_, commands) in enumerate(steps)
+        for index, command in enumerate(commands)
+        if isinstance(command, kind)
+    )
+
+
+def changed(kind: type[cmd.Command], **fields: object) -> Callable[[list[Step]], list[Step]]:
+    """Falsify: the first command of a kind was another."""
+
+    def falsify(steps: list[Step]) -> list[Step]:
+        number, index = first(steps, kind)
+        event, commands = steps[number]
+        commands = [*commands[:index], replace(commands[index], **fields), *commands[index + 1 :]]
+        return [*steps[:number], (event, commands), *steps[number + 1 :]]
+
+    return falsify
+
+
+def without_command(steps: list[Step]) -> list[Step]:
+    number, index = first(steps, cmd.MoveHead)
+    event, commands = steps[number]
+    return [*steps[:number], (event, commands[:index] + commands[index + 1 :]), *steps[number + 1 :]]
+
+
+def without_event(steps: list[Step]) -> list[Step]:
+    number = next(n for n, (event, _) in enumerate(steps) if isinstance(event, ev.HeadArrived))
+    return steps[:number] + steps[number + 1 :]
+
+
+def other_match(steps: list[Step]) -> list[Step]:
+    """The matcher is said to have found something else than what the decisions rest on."""
+    number = next(n for n, (event, _) in enumerate(steps) if isinstance(event, ev.MatchFinished))
+    event, commands = steps[number]
+    return [
+        *steps[:number],
+        (replace(event, result=replace(event.result, candidates=())), commands),
+        *steps[number + 1 :],
+    ]
+
+
+ENDS = {"first": "locked", "slow": "preempted", "urgent": "device_lost"}
+
+
+async def test_a_true_log_has_no_difference(record, steps, capsys) -> None:
+    assert entry(["replay", str(await record()), "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["same"]
+    assert report["differences"] == []
+    assert report["events"] == len(steps)
+    assert report["commands"] == sum(len(commands) for _, commands in steps)
+
+
+@pytest.mark.parametrize(
+    ("falsify", "told"),
+    [
+        (changed(cmd.MoveHead, move_id=99), "99"),
+        (changed(cmd.PublishResult, reason="it was fate"), "it was fate"),
+        (changed(cmd.ReplyAccepted, position=3), "ReplyAccepted"),
+        (changed(cmd.RunMatch, inverse_range=(0.0, 2.0)), "inverse_range"),
+        (changed(cmd.RunMatch, band_rad=0.5), "band_rad"),
+        (without_command, "MoveHead"),
+        (without_event, ""),
+        (other_match, ""),
+    ],
+)
+async def test_a_golden_log_that_must_fail_does(record, capsys, falsify, told: str) -> None:
+    log = await record(falsify)
+    assert entry(["replay", str(log), "--json"]) == 1
+    report = json.loads(capsys.readouterr().out)
+    assert not report["same"]
+    assert told in json.dumps(report["differences"])
+    assert entry(["replay", str(log)]) == 1
+    assert told in capsys.readouterr().out
+
+
+async def test_a_difference_far_below_anything_visible_is_a_difference(record, steps, capsys) -> None:
+    number, index = first(steps, cmd.MoveHead)
+    target = steps[number][1][index].target
+    log = await record(changed(cmd.MoveHead, target=replace(target, pan_deg=target.pan_deg + 1e-12)))
+    assert entry(["replay", str(log)]) == 1
+    assert "pan_deg" in capsys.readouterr().out
+
+
+async def test_what_if_says_that_a_request_would_have_ended_otherwise(record, config, tmp_path: Path, capsys) -> None:
+    log = await record()
+    other = msgspec.to_builtins(config)
+    other["search"]["accept_probability"] = other["search"]["certain_probability"] = 1.0
+    settings = tmp_path / "other.yaml"
+    settings.write_text(yaml.safe_dump(other))
+    assert entry(["replay", str(log), "--config", str(settings)]) == 1
+    said = capsys.readouterr().out
+    assert "first" in said
+    assert "locked" in said
+
+
+async def test_a_folder_is_replayed_file_by_file(record, capsys) -> None:
+    good, bad = await record(folder="good"), await record(without_command, folder="bad")
+    assert entry(["replay", str(good.parent)]) == 0
+    bad.rename(good.parent / "z.mcap")
+    assert entry(["replay", str(good.parent)]) == 1
+    assert "z.mcap" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("content", [b"", b"not a log", b"\x89MCAP0\r\n"])
+def test_what_is_no_log_is_refused_in_one_line(tmp_path: Path, capsys, content: bytes) -> None:
+    (tmp_path / "x.mcap").write_bytes(content)
+    assert entry(["replay", str(tmp_path / "x.mcap")]) == 65
+    said = capsys.readouterr()
+    assert "x.mcap" in said.err
+    assert len(said.err.splitlines()) == 1
+
+
+@pytest.mark.parametrize("name", ["none.mcap", "."])
+def test_a_log_that_is_not_there_or_a_folder_without_any(tmp_path: Path, capsys, name: str) -> None:
+    assert entry(["replay", str(tmp_path / name)]) == 65
+    assert len(capsys.readouterr().err.splitlines()) == 1
