@@ -26,12 +26,14 @@ WINDOWS = (0.5, 0.3)
 """Sides of the windows, in sides of the box."""
 LEAST_SIDE = 8
 """Grid steps."""
-CORRELATED = 2.5
+CORRELATED = 5.0
 """Samples that carry one independent piece of evidence: the low-pass ties neighbours together."""
-EVIDENCE_TO_ADJUST = 3.0
+EVIDENCE_TO_ADJUST = 2.0
 """Log-likelihood by which a window must prefer its own range and slopes near the whole region's."""
-EVIDENCE_TO_JUMP = 8.0
+EVIDENCE_TO_JUMP = 12.0
 """Log-likelihood by which it must prefer a surface at quite another range: many were tried."""
+GAIN_SPAN = 1.7
+"""How much the gain of a window may differ from that of the region."""
 ITERATIONS = 2
 
 
@@ -84,13 +86,16 @@ def settle_on_centre(
     """
     place, sigma = outer.place, outer.sigma_rad
     count = len(sigma)
+    gains = _allowed_gains(patch, view, arc, place)
     for share in WINDOWS:
         window = central_window(patch, share)
         if window is None:
             break
-        start = place.join(_best_range(window, view, arc, place, ranges, bounds.noise))
+        start = place.join(_best_range(window, view, arc, place, ranges, bounds.noise, gains))
         tried = refine(window, view, arc, start, bounds, ITERATIONS, hold=True)
-        evidence = _evidence(window, view, arc, place.join(tried.place), bounds.noise).reshape(3, count)
+        evidence = _evidence(window, view, arc, place.join(tried.place), bounds.noise, np.tile(gains, 3)).reshape(
+            3, count
+        )
         evidence -= np.array([[0.0], [EVIDENCE_TO_ADJUST], [EVIDENCE_TO_JUMP]])
         pick = np.argmax(evidence, axis=0) * count + np.arange(count)
         sigma = np.concatenate([sigma, tried.sigma_rad])[pick]
@@ -98,24 +103,35 @@ def settle_on_centre(
     return place, sigma
 
 
-def _best_range(window: Patch, view: WorkingView, arc: EpipolarArc, place: Place, ranges: Array, noise: float) -> Place:
+def _allowed_gains(patch: Patch, view: WorkingView, arc: EpipolarArc, place: Place) -> Floats:
+    """Least and greatest gain of a window, (2, k): near the whole region's: light and camera are the same."""
+    samples = view.sample(place.warps(arc), patch.rays)
+    gain, _ = photometric(samples.inside * patch.weight, samples.grey, patch.grey)
+    return np.sort(np.stack([gain / GAIN_SPAN, gain * GAIN_SPAN]), axis=0)
+
+
+def _best_range(
+    window: Patch, view: WorkingView, arc: EpipolarArc, place: Place, ranges: Array, noise: float, gains: Floats
+) -> Place:
     count = len(place.offset)
     everything = Place(
         planes=np.tile(ranges[:, None] * arc.rotated, (count, 1)),
         offset=np.repeat(place.offset, len(ranges)),
         roll=np.repeat(place.roll, len(ranges)),
     )
-    evidence = _evidence(window, view, arc, everything, noise).reshape(count, len(ranges))
+    evidence = _evidence(window, view, arc, everything, noise, np.repeat(gains, len(ranges), axis=1)).reshape(
+        count, len(ranges)
+    )
     chosen = evidence.argmax(axis=1)
     return Place(planes=ranges[chosen][:, None] * arc.rotated, offset=place.offset, roll=place.roll)
 
 
-def _evidence(window: Patch, view: WorkingView, arc: EpipolarArc, place: Place, noise: float) -> Floats:
+def _evidence(window: Patch, view: WorkingView, arc: EpipolarArc, place: Place, noise: float, gains: Floats) -> Floats:
     """Log-likelihood of the window's grey values up to gain and offset; -inf where half is out of view."""
     samples = view.sample(place.warps(arc), window.rays)
     weight = samples.inside * window.weight
     total = weight.sum(axis=1)
-    _, residual = photometric(weight, samples.grey, window.grey)
+    _, residual = photometric(weight, samples.grey, window.grey, (gains[0], gains[1]))
     variance = (weight * residual * residual).sum(axis=1) / np.maximum(total, 1e-9) + noise * noise
     independent = 1.0 / float((window.weight**2).sum()) / CORRELATED
     return np.where(total > 0.5, -0.5 * independent * np.log(variance), -np.inf)

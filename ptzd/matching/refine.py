@@ -92,7 +92,9 @@ def refine(
     return Refined(place=place, sigma_rad=sigma)
 
 
-def photometric(weight: Floats, seen: Floats, wanted: Floats) -> tuple[Floats, Floats]:
+def photometric(
+    weight: Floats, seen: Floats, wanted: Floats, gains: tuple[Floats, Floats] | None = None
+) -> tuple[Floats, Floats]:
     """Fit gain and offset that bring the view to the patch.
 
     Parameters
@@ -101,6 +103,8 @@ def photometric(weight: Floats, seen: Floats, wanted: Floats) -> tuple[Floats, F
         Weights and the view's grey values.
     wanted : float32 (n,)
         The patch's grey values.
+    gains : (float32 (k,), float32 (k,)), optional
+        Least and greatest gain allowed.
 
     Returns
     -------
@@ -113,6 +117,8 @@ def photometric(weight: Floats, seen: Floats, wanted: Floats) -> tuple[Floats, F
     mean_wanted = (weight @ wanted) / total
     power = np.einsum("kn,kn->k", weighted, seen) / total - mean_seen * mean_seen
     gain = ((weighted @ wanted) / total - mean_seen * mean_wanted) / np.maximum(power, 1e-3)
+    if gains is not None:
+        gain = np.clip(gain, *gains)
     return gain, wanted - gain[:, None] * seen - (mean_wanted - gain * mean_seen)[:, None]
 
 
