@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ptzd.control import commands as cmd
+from ptzd.model import MatchResult
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,9 +46,6 @@ ACROSS_MACHINES = Tolerance(rad=1e-5, deg=1e-3, absolute=5e-4, relative=1e-3)
 move, over 50 matches, directions by up to 1.7e-6 rad, scores and planes by 5e-5, the sharpness by 9e-5, corners by
 0.002 px; the number of candidates stays. Five times that, so that a real change (0.01° and more) is still seen."""
 
-IGNORED = frozenset({"MatchFinished.result.elapsed_ms"})
-"""The time that a match took; no decision looks at it."""
-
 KIND: Mapping[type[cmd.Command], tuple[str, ...]] = {
     cmd.MoveHead: ("move_id",),
     cmd.GrabView: ("grab_id",),
@@ -70,19 +68,20 @@ class Difference:
 
     sequence: int
     """Of the event that was answered."""
-    event: str
-    """Its type."""
-    request: str
-    """Empty outside of any."""
     path: str
     recorded: str
     replayed: str
-    parts: bool
+    event: str = ""
+    """Its type."""
+    request: str = ""
+    """Empty outside of any."""
+    parts: bool = False
     """Whether another kind of decision was taken: what was recorded afterwards no longer fits this request."""
 
     def __str__(self) -> str:
-        where = f"{self.path}: " if self.path else ""
-        return f"event {self.sequence} ({self.event}): {where}recorded {self.recorded}, replayed {self.replayed}"
+        event = f" ({self.event})" if self.event else ""
+        what = "" if self.parts else f"{self.path}: "
+        return f"event {self.sequence}{event}: {what}recorded {self.recorded}, replayed {self.replayed}"
 
 
 def kind(command: cmd.Command | None) -> str:
@@ -90,11 +89,13 @@ def kind(command: cmd.Command | None) -> str:
     if command is None:
         return "nothing"
     values = (getattr(command, name) for name in KIND.get(type(command), ()))
-    return " ".join([type(command).__name__, *(_shown(value) for value in values)])
+    return " ".join([type(command).__name__, *(str(value) for value in values)])
 
 
 def differences(path: str, recorded: object, replayed: object, tolerance: Tolerance) -> list[tuple[str, str, str]]:
     """Compare two values of dataclasses, tuples, dicts and plain values.
+
+    The time that a match took is passed over: no decision looks at it.
 
     Returns
     -------
@@ -106,7 +107,6 @@ def differences(path: str, recorded: object, replayed: object, tolerance: Tolera
         return [
             found
             for name, value in one.items()
-            if path + name not in IGNORED
             for found in differences(f"{path}{name}", value, other[name], tolerance)
         ]
     if isinstance(recorded, float) and isinstance(replayed, float | int):
@@ -120,7 +120,10 @@ def differences(path: str, recorded: object, replayed: object, tolerance: Tolera
 def _parts(value: object) -> dict[str, object] | None:
     """Members of a composed value by what their paths add; None of a plain one."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f".{field.name}": getattr(value, field.name) for field in dataclasses.fields(value)}
+        names = [field.name for field in dataclasses.fields(value)]
+        if isinstance(value, MatchResult):
+            names.remove("elapsed_ms")
+        return {f".{name}": getattr(value, name) for name in names}
     if isinstance(value, dict):
         return {f".{key}": item for key, item in value.items()}
     if isinstance(value, tuple | list):
@@ -129,5 +132,5 @@ def _parts(value: object) -> dict[str, object] | None:
 
 
 def _shown(value: object) -> str:
-    text = str(value) if isinstance(value, str) else repr(value)
+    text = type(value).__name__ if dataclasses.is_dataclass(value) else repr(value)
     return text if len(text) <= 80 else f"{text[:77]}…"

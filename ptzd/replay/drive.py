@@ -184,7 +184,7 @@ class Player:
         try:
             commands = machine.handle(event)
         except (ImpossibleEvent, PtzdError) as error:
-            self._differ(step, self._active, "", "handled", str(error), parts=True)
+            self._differ(step, self._active, type(event).__name__, "handled", str(error), parts=True)
             return
         self._jobs |= {told.match_id: told for told in commands if isinstance(told, cmd.RunMatch)}
         self._replay.replayed |= {told.id: told for told in commands if isinstance(told, cmd.PublishResult)}
@@ -200,7 +200,7 @@ class Player:
             fisheye = self._reader.picture(FISHEYE_IMAGE, job.frame)
             view = self._reader.picture(PTZ_IMAGE, job.view.frame)
         except LogError as error:
-            self._differ(step, job.request_id, "", "a result", str(error))
+            self._differ(step, job.request_id, "MatchFinished.result", "computed", str(error))
             return event
         finally:
             self._replay.reading_s += time.perf_counter() - before
@@ -216,11 +216,12 @@ class Player:
             one = recorded[index] if index < len(recorded) else None
             other = replayed[index] if index < len(replayed) else None
             request = self._request_of(one, step) or self._request_of(other, step)
+            found = differences(type(one or other).__name__, one, other, self._tolerance)
             if kind(one) != kind(other):
-                self._differ(step, request, "", kind(one), kind(other), parts=True)
+                self._differ(step, request, found[0][0], kind(one), kind(other), parts=True)
                 return
-            for found in differences(type(one).__name__, one, other, self._tolerance)[:1]:
-                self._differ(step, request, *found)
+            if found:
+                self._differ(step, request, *found[0])
 
     def _request_of(self, command: cmd.Command | None, step: _Step) -> str:
         """Whose decision it is: it says so itself, or the event does, or it is for the one that is being served."""

@@ -48,7 +48,7 @@ class Story:
         if self.would_end == self.ended:
             return f"{self.name}: {ended} all the same, by another way"
         if not self.would_end:
-            return f"{self.name}: {ended}, parts before its end: what it would have asked for was not recorded"
+            return f"{self.name}: {ended}, replayed otherwise; to what end, the recording cannot tell"
         return f"{self.name}: {ended}, replayed {self.would_end}"
 
     def details(self) -> Iterator[str]:
@@ -85,7 +85,8 @@ def lines(report: Report) -> Iterator[str]:
         return
     told = stories(replay)
     differing = sum(bool(story.differences) for story in told)
-    verdict = f"{differing} of {len(told)} requests differ" if differing else "no difference"
+    found = f"differences: {len(replay.differences)}, in {differing} of {len(told)} requests"
+    verdict = found if differing else "no difference"
     computed = f", {replay.matches} matches computed anew" if replay.matches else ""
     yield f"{report.path}: {verdict}: {replay.events} events, {replay.commands} commands{computed}"
     share = replay.reading_s / max(replay.elapsed_s, 1e-9)
