@@ -6,8 +6,11 @@ import argparse
 import json
 import math
 from collections.abc import Iterable
+from pathlib import Path
 
 import cv2
+import numpy as np
+from numpy.typing import NDArray
 
 from ptzd.app import locating
 from ptzd.control.states import mermaid
@@ -23,8 +26,8 @@ def locate(arguments: argparse.Namespace) -> int:
         matcher=arguments.matcher,
         range_m=arguments.range,
     )
-    if arguments.draw is not None and not cv2.imwrite(str(arguments.draw), locating.draw(located)):
-        raise locating.DataError(f"{arguments.draw}: the picture cannot be written; end its name in .png or .jpg")
+    if arguments.draw is not None:
+        _write_picture(arguments.draw, locating.draw(located))
     document = locating.document(located)
     if arguments.json:
         print(json.dumps(document))
@@ -34,6 +37,13 @@ def locate(arguments: argparse.Namespace) -> int:
     else:
         print(f"{document['outcome']}: {document['reason']}")
     return 0 if locating.found(located) else 1
+
+
+def _write_picture(path: Path, pixels: NDArray[np.uint8]) -> None:
+    if not cv2.haveImageWriter(str(path)):
+        raise locating.DataError(f"{path}: no format of this name; end it in .png or .jpg")
+    if not cv2.imwrite(str(path), pixels):
+        raise locating.DataError(f"{path}: the picture cannot be written; does the folder exist?")
 
 
 def plan(arguments: argparse.Namespace) -> int:
