@@ -1,4 +1,4 @@
-.PHONY: install test check format demo figures bench-accuracy scenes deb rig-vm clean
+.PHONY: install test check format demo figures bench-accuracy bench-replay golden soak scenes deb rig-vm clean
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -32,6 +32,17 @@ figures: install
 
 bench-accuracy: install
 	$(BIN)/python -m tests.bench.accuracy
+
+bench-replay: install
+	$(BIN)/python -m tests.bench.replay
+
+# Records the golden logs anew and shows how their decisions changed: make golden NAMES="lock update"
+golden: install
+	$(BIN)/python tests/golden/make.py $(NAMES)
+
+# The log at full rate: make soak MINUTES=5
+soak: install
+	$(BIN)/python tests/log/soak.py $(or $(MINUTES),20)
 
 scenes: install
 	$(BIN)/python scenes/render.py room --out build/scenes/room

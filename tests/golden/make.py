@@ -1,0 +1,231 @@
+"""Record the golden logs anew: the simulated rig with small pictures, the real daemon, one log per story.
+
+python tests/golden/make.py [NAME ...]
+
+Prints how the decisions of each story differ from those of the log that it replaces.
+The pictures show the scene ``room``, which was modelled for this project; they are under its licence.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+import difflib
+import json
+import re
+import sys
+import tempfile
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import yaml
+
+from ptzd.app.daemon import serve
+from ptzd.app.demo import free_port
+from ptzd.app.loading import load
+from ptzd.app.replaying import replay
+from ptzd.app.simulate import DEFAULT_PASSWORD, RIG, write_config
+from ptzd.bus.client import Client
+from ptzd.control import commands as cmd
+from ptzd.control import events as ev
+from ptzd.errors import RequestRefused
+from ptzd.log.file import McapFile
+from ptzd.log.reader import LoggedCommand, LoggedEvent, LogReader
+from ptzd.log.topics import COMMAND
+from ptzd.sim.rig import SimRig
+from ptzd.sim.settings import SimSettings
+
+HERE = Path(__file__).parent
+MUST_FAIL = "tampered"
+MAX_BYTES = 2_000_000
+PATIENCE_S = 60.0
+SIM = SimSettings(scene="room", ptz_size_px=(320, 240), fisheye_fps=5.0, fisheye_quality=80, fisheye_noise_sigma=1.0)
+CHANGES = {
+    "fisheye": {"stall_s": 10.0},
+    "ptz": {"fps": 4.0, "compression": 40, "poll_hz": 4.0},
+    "log": {"fisheye_every_n": 1000},
+    "home": {"idle_s": 0.5},
+}
+BOX = (261.0, 197.0, 34.0, 28.0)
+NEAR = (265.0, 200.0, 34.0, 28.0)
+"""Where the target of the update is said to have gone."""
+OUTSIDE = (2.0, 2.0, 20.0, 20.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Site:
+    """A running rig."""
+
+    rig: SimRig
+    client: Client
+
+    async def until_state(self, state: str) -> None:
+        async with asyncio.timeout(PATIENCE_S):
+            async for notice in self.client.watch():
+                if getattr(notice, "state", None) == state:
+                    return
+
+    async def until_locked(self, name: str) -> None:
+        async with asyncio.timeout(PATIENCE_S):
+            async for step in self.client.feedback(name):
+                if step.step == "locked":
+                    return
+
+
+Story = Callable[[Site], Awaitable[None]]
+
+
+async def lock(site: Site) -> None:
+    await site.client.request(box=BOX, id="target", hold_s=0.5)
+    await site.client.result("target", timeout_s=PATIENCE_S)
+    await site.until_state("HOME")
+
+
+async def refusal(site: Site) -> None:
+    for name, box in (("corner", OUTSIDE), ("speck", (261.0, 197.0, 1.0, 1.0))):
+        with suppress(RequestRefused):
+            await site.client.request(box=box, id=name)
+    with suppress(RequestRefused):
+        await site.client.request(box=BOX, id="stale", frame_seq=1_000_000)
+
+
+async def preemption(site: Site) -> None:
+    await site.client.request(box=BOX, id="slow", hold_s=60.0)
+    await site.until_locked("slow")
+    await site.client.request(box=NEAR, id="urgent", hold_s=0.0, priority=5)
+    await site.client.result("urgent", timeout_s=PATIENCE_S)
+
+
+async def device_loss(site: Site) -> None:
+    await site.client.request(box=BOX, id="interrupted", hold_s=60.0)
+    await site.until_locked("interrupted")
+    await site.rig.fisheye.unplug()
+    await site.client.result("interrupted", timeout_s=PATIENCE_S)
+    await site.rig.fisheye.plug_in()
+    await site.until_state("IDLE")
+
+
+async def update(site: Site) -> None:
+    await site.client.request(box=BOX, id="moving", hold_s=3.0)
+    await site.until_locked("moving")
+    await site.client.update("moving", box=NEAR)
+    await site.client.result("moving", timeout_s=PATIENCE_S)
+
+
+STORIES: dict[str, Story] = {
+    "lock": lock,
+    "refusal": refusal,
+    "preemption": preemption,
+    "device_loss": device_loss,
+    "update": update,
+}
+
+
+@asynccontextmanager
+async def running(folder: Path) -> AsyncIterator[Site]:
+    """Rig and daemon in this process; the log is closed when it is left."""
+    endpoint, stop, ready = f"tcp/127.0.0.1:{free_port()}", asyncio.Event(), asyncio.Event()
+    async with SimRig(SIM) as rig:
+        path = write_config(rig, folder, bus=endpoint, password=DEFAULT_PASSWORD)
+        document = yaml.safe_load(path.read_text())
+        for name, values in CHANGES.items():
+            document[name] = {**document.get(name, {}), **values}
+        path.write_text(yaml.safe_dump(document))
+        loaded = load(path)
+        anonymous = dataclasses.replace(loaded, config_text=loaded.config_text.replace(f"{folder}/", ""))
+        serving = asyncio.create_task(serve(anonymous, stop, ready=ready.set))
+        try:
+            async with asyncio.timeout(PATIENCE_S):
+                await ready.wait()
+            async with Client.open(endpoint, rig=RIG) as client:
+                yield Site(rig=rig, client=client)
+        finally:
+            stop.set()
+            await serving
+
+
+async def record(story: Story) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        async with running(Path(folder)) as site:
+            await story(site)
+        (log,) = (Path(folder) / "log").glob("*.mcap")
+        return log.read_bytes()
+
+
+def tampered(source: Path, target: Path) -> int:
+    """Copy a log with one set point moved by a thousandth of a degree; returns the sequence number of its event."""
+    sequence = 0
+    with LogReader(source) as reader:
+        entries = list(reader.entries())
+        file = McapFile(target, reader.run, entries[0].log_ns)
+    file.open()
+    for entry in entries:
+        data = entry.data
+        held = json.loads(data) if entry.topic == COMMAND else {}
+        if not sequence and held.get("name") == cmd.MoveHead.__name__:
+            sequence, body = held["sequence"], json.loads(held["body"])
+            body["target"]["pan_deg"] += 1e-3
+            data = json.dumps({**held, "body": json.dumps(body)}).encode()
+        file.add(entry.topic, entry.log_ns, entry.publish_ns, entry.sequence, data)
+    file.finish()
+    return sequence
+
+
+def told(path: Path) -> Iterable[str]:
+    """The decisions of a log as lines without times, ports and numbers that every run has its own of."""
+    with LogReader(path) as reader:
+        event: ev.Event | None = None
+        for logged in reader.decisions():
+            if isinstance(logged, LoggedEvent):
+                event = logged.event
+            elif isinstance(logged, LoggedCommand) and event is not None:
+                yield f"{type(event).__name__} → {_line(logged.command)}"
+
+
+def _line(command: cmd.Command) -> str:
+    match command:
+        case cmd.PublishFeedback():
+            text = f"feedback {command.id} {command.step}"
+        case cmd.PublishResult():
+            text = f"result {command.id} {command.outcome}: {command.reason}"
+        case cmd.PublishStatus():
+            text = f"status {command.state} {command.active or '–'} {command.phase} queue {len(command.queue)}"
+        case cmd.ReplyRefused():
+            text = f"refused {command.code} {command.field}"
+        case _:
+            text = type(command).__name__
+    return re.sub(r"\d+(\.\d+)?", "#", text)
+
+
+def renew(name: str, fresh: Path) -> None:
+    """Put a log into its place and tell what changed."""
+    path = HERE / f"{name}.mcap"
+    size = fresh.stat().st_size
+    assert size <= MAX_BYTES, f"{name}: {size} bytes; at most {MAX_BYTES}"
+    before = list(told(path)) if path.exists() else []
+    changes = list(difflib.unified_diff(before, list(told(fresh)), f"{name} before", f"{name} now", lineterm="", n=1))
+    print("\n".join(changes) if changes else f"{name}: the same decisions in the same order")
+    path.write_bytes(fresh.read_bytes())
+    print(f"{name}: {size / 1e3:.0f} kB")
+
+
+def main(names: list[str]) -> None:
+    cv2.setNumThreads(1)
+    for name in names or STORIES:
+        with tempfile.TemporaryDirectory() as folder:
+            fresh = Path(folder) / f"{name}.mcap"
+            fresh.write_bytes(asyncio.run(record(STORIES[name])))
+            found = replay(fresh, recompute=True)
+            assert found.same, [str(difference) for difference in found.differences]
+            renew(name, fresh)
+            if name == "lock":
+                bad = Path(folder) / f"{MUST_FAIL}.mcap"
+                print(f"{MUST_FAIL}: the set point answered to event {tampered(fresh, bad)} is another one")
+                renew(MUST_FAIL, bad)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
