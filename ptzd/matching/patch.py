@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ptzd.geometry.types import Array, CameraModel
     from ptzd.model import Box
 
-SMOOTHING = 0.6
+SMOOTHING = 0.5
 """Sigma of the low-pass laid over both pictures before they are compared, in grid steps."""
 CENTRE_WEIGHT = 0.75
 """Sigma of the centre weighting, in half sides of the box: the set point belongs to the centre."""

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from ptzd.matching.patch import Patch
     from ptzd.matching.view import Samples, WorkingView
 
-ROBUST_SCALE = 2.5
-"""Residuals beyond this many sigmas lose half their weight and more."""
+ROBUST_SCALE = 1.2
+"""Residuals of this many sigmas have a quarter of the full weight (Geman-McClure)."""
 SLOPE_SIGMA = 1.5
 """Tangent of the obliqueness of the surfaces that are expected, one sigma."""
 DAMPING = 0.02

@@ -149,7 +149,7 @@ def cases(scene_name: str, condition: Condition) -> Iterator[Case]:
         for region in s.scene.regions
         if (region.kind in condition.kinds if condition.kinds else region.kind != "texture_free")
     ]
-    for index, region in enumerate(regions):
+    for index in range(len(regions)):
         yield _case(s, regions, index, condition)
 
 

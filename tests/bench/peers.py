@@ -78,7 +78,7 @@ def template(case: Case, reading: HeadReading, view: np.ndarray) -> Answer:
 
 
 def _template(case: Case, reading: HeadReading, view: np.ndarray) -> tuple[np.ndarray | None, float, tuple[int, int]]:
-    patch, mask = rectified(case, reading)
+    patch, _ = rectified(case, reading)
     if patch.shape[0] >= view.shape[0] or patch.shape[1] >= view.shape[1]:
         return None, 0.0, (0, 0)
     response = cv2.matchTemplate(view, patch, cv2.TM_CCOEFF_NORMED)
@@ -93,7 +93,7 @@ def ecc(case: Case, reading: HeadReading, view: np.ndarray) -> Answer:
     direction, quality, place = _template(case, reading, view)
     if direction is None:
         return None, 0.0
-    patch, mask = rectified(case, reading)
+    patch, _ = rectified(case, reading)
     warp = np.array([[1, 0, place[0]], [0, 1, place[1]], [0, 0, 1]], np.float32)
     criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-4)
     try:
