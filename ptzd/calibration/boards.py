@@ -58,12 +58,19 @@ class RigFit:
     fisheye_rms_px: float
     ptz_rms_px: float
     residuals: Array
+    fisheye_px: Array
+    """Points found in the fisheye ``(n, 2)``."""
+    fisheye_residuals_px: Array
+    """Found minus predicted ``(n, 2)``."""
     verdicts: tuple[ViewVerdict, ...]
     reversed_names: tuple[str, ...]
     """Pairs in which one camera's order of points was the other's turned by 180°."""
     poses: Array
     """Boards in the fisheye's frame ``(g, 6)``."""
-    metric: bool = True
+
+    def fisheye_points(self) -> tuple[Array, Array]:
+        """Points found in the fisheye and their residuals, px."""
+        return self.fisheye_px, self.fisheye_residuals_px
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,6 +191,8 @@ def _attempt(pairs: Sequence[BoardPair]) -> RigFit | None:
         fisheye_rms_px=rms(np.concatenate(fit_f)),
         ptz_rms_px=rms(np.concatenate(fit_p)),
         residuals=solution.residuals,
+        fisheye_px=np.concatenate([pair.fisheye.view.pixels for pair in chosen]),
+        fisheye_residuals_px=-np.concatenate(fit_f),
         verdicts=(*used, *left_out),
         reversed_names=tuple(swapped),
         poses=solution.local,

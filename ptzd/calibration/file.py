@@ -133,7 +133,7 @@ def read_fisheye_section(section: object, name: str) -> CameraModel:
     """
     with _prefixed(name):
         try:
-            return _fisheye(msgspec.convert(section, FisheyePart))  # type: ignore[arg-type]
+            return _fisheye(msgspec.convert(section, FisheyePart))
         except msgspec.ValidationError as error:
             raise CalibrationError(_explain(str(error))) from error
 

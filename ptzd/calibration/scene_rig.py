@@ -2,9 +2,10 @@
 
 The calibrated PTZ gives a direction in the head's frame for every feature of its pictures. Partners in the fisheye obey
 ``P_h ∝ R P_f + s T``: a turn that fits many of them roughly (the parallax is a few degrees) separates matches from
-chance; an essential matrix and the paper's geodesic refinement give R and the direction of T; a bundle over pixels, with
-an inverse range for every feature, refines R, T and, when it is not known yet, the fisheye's lens. |T| = 1: ranges are
-in baselines. What moves along the circles trades against the ranges: across them the rig is known several times better.
+chance; an essential matrix and the paper's geodesic refinement give R and the direction of T; a bundle over pixels,
+with an inverse range for every feature, refines R, T and, when it is not known yet, the fisheye's lens. |T| = 1:
+ranges are in baselines. What moves along the circles trades against the ranges: across them the rig is known several
+times better.
 """
 
 from __future__ import annotations

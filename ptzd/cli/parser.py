@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from ptzd import __version__
-from ptzd.cli import asking, offline, replaying, rig
+from ptzd.cli import asking, calibrate, offline, replaying, rig
 from ptzd.model import Box, Matcher
 
 EX_USAGE = 64
@@ -32,6 +32,7 @@ def parser() -> argparse.ArgumentParser:
     _add_rig_commands(commands)
     _add_bus_commands(commands)
     _add_offline_commands(commands)
+    calibrate.add_commands(commands)
     return top
 
 

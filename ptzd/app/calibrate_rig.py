@@ -1,0 +1,374 @@
+"""`ptzd calibrate zoom`, `head` and `rig`: from pictures with angles to rig.yaml, with boards or without."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from ptzd import __version__
+from ptzd.app.calibrating import (
+    EDGE_RAD,
+    Outcome,
+    Say,
+    Shot,
+    fisheye_of,
+    head_of,
+    read_shots,
+    verdict_lines,
+    write_head,
+    write_part,
+    write_zoom,
+    zoom_of,
+)
+from ptzd.calibration.boards import BoardPair, RigFit, Seen, calibrate_boards
+from ptzd.calibration.detect import Grey
+from ptzd.calibration.features import Features, find_features, match
+from ptzd.calibration.file import dump_rig, fisheye_section, read_rig
+from ptzd.calibration.lens import KANNALA_BRANDT, PERSPECTIVE, UNIFIED, Lens
+from ptzd.calibration.pictures import Boards, read_boards, read_grey
+from ptzd.calibration.rotation import TurnedPicture, calibrate_turning, collect, without_poor_zooms
+from ptzd.calibration.scene_rig import ScenePairs, SceneRigFit, calibrate_scene_rig
+from ptzd.calibration.target import Target
+from ptzd.calibration.turned_boards import TurnedBoard, calibrate_head
+from ptzd.calibration.turning import head_model
+from ptzd.errors import CalibrationError
+from ptzd.geometry.head import HeadModel
+from ptzd.geometry.kannala_brandt import KannalaBrandtCamera
+from ptzd.geometry.perspective import PerspectiveCamera
+from ptzd.geometry.rig import Rig, Uncertainty
+from ptzd.geometry.sphere import angle_between
+from ptzd.geometry.types import Array, CameraModel
+from ptzd.geometry.unified import UnifiedCamera
+from ptzd.geometry.zoom import ZoomTable
+from ptzd.model import HeadReading
+
+SHARES = (0.5, 0.3)
+"""Sizes at which PTZ pictures are matched to a fisheye: its pixels are two to four times as coarse."""
+RANGES_M = (1.0, 3.0, 10.0, math.inf)
+LEAST_ROTATION_RAD = math.radians(0.05)
+"""A rig is never claimed to be known better."""
+LEAST_HEAD_RAD = math.radians(0.01)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SceneResult:
+    """A rig from a scene, with what the report draws."""
+
+    rig: Rig
+    fit: SceneRigFit
+    outcome: Outcome
+
+
+def grey_of(path: Path) -> Grey:
+    """A picture that must be there."""
+    grey = read_grey(path)
+    if grey is None:
+        raise CalibrationError(f"{path}: not a picture")
+    return grey
+
+
+def features_of(greys: Sequence[Grey], share: float = 1.0) -> list[Features]:
+    """Features of pictures, two at a time."""
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        with ThreadPoolExecutor(2) as pool:
+            return list(pool.map(lambda grey: find_features(grey, share=share), greys))
+    finally:
+        cv2.setNumThreads(threads)
+
+
+def turning(shots_path: Path, work: Path, say: Say) -> Outcome:
+    """Zoom table and head from pictures of the scene."""
+    shots = read_shots(shots_path)
+    greys = [grey_of(shots_path.parent / shot.image) for shot in shots]
+    shapes = {grey.shape for grey in greys}
+    if len(shapes) > 1:
+        raise CalibrationError(f"{shots_path}: pictures of several sizes {sorted(shapes)}; take all at one size")
+    say(f"features of {len(greys)} pictures")
+    pictures = [
+        TurnedPicture(name=shot.image, reading=shot.reading, features=features)
+        for shot, features in zip(shots, features_of(greys), strict=True)
+    ]
+    say("matching")
+    kept, matches, poor = without_poor_zooms(pictures, collect(pictures))
+    if not kept:
+        raise CalibrationError(f"{shots_path}: no zoom has enough matches; point the camera at something with texture")
+    height, width = greys[0].shape
+    say(f"bundle of {len(matches.first)} matches")
+    fit = calibrate_turning(kept, (width, height), matches, say)
+    head = head_model(fit.head, fit.signs)
+    sigma = np.sqrt(np.diag(fit.covariance))
+    head_sigma = float(math.degrees(max(sigma[2:5])))
+    zooms = [
+        {"zoom": entry.zoom, "fx": entry.fx, "focal_sigma": share, "rms_px": rms, "matches": count}
+        for entry, share, rms, count in zip(fit.entries, fit.focal_sigma, fit.zoom_rms_px, fit.counts, strict=True)
+    ]
+    quality = {"zooms": zooms, "board": False, "rms_px": fit.rms_px}
+    written = (
+        write_zoom(work, ZoomTable(size_px=(width, height), entries=fit.entries), quality),
+        write_head(work, head, {"sigma_deg": head_sigma, "t_ptz_mm": None, "rms_px": fit.rms_px}),
+    )
+    lines = [
+        f"zoom {row['zoom']:g}: fx {row['fx']:.2f} px ± {100 * float(str(row['focal_sigma'])):.3f} %, "
+        f"rms {row['rms_px']:.2f} px of {row['matches']} matches"
+        for row in zooms
+    ]
+    lines += [f"zoom {zoom:g}: left out, its pictures share too little texture" for zoom in poor]
+    lines += head_lines(head)
+    lines += ["  T_ptz cannot be seen without a board of known size; `ptzd calibrate head --board` measures it"]
+    return Outcome(lines=tuple(lines), document={**quality, "left_out": list(poor)}, written=written)
+
+
+def head_lines(head: HeadModel) -> list[str]:
+    """The head for a person."""
+    turn = ", ".join(f"{math.degrees(angle):.3f}" for angle in head.camera_rotvec_rad)
+    return [
+        f"head: pan sign {head.pan.sign:+d}, scale {head.pan.scale:.5f}; tilt sign {head.tilt.sign:+d}, "
+        f"scale {head.tilt.scale:.5f}, offset {math.degrees(head.tilt.offset_rad):.3f}°; camera turned by ({turn})°"
+    ]
+
+
+def seen_by_ptz(table: ZoomTable, boards: Boards, shots: Mapping[str, Shot], head: HeadModel | None) -> dict[str, Seen]:
+    """Boards of PTZ pictures by the picture's name."""
+    found = {}
+    for view in boards.views:
+        shot = shots[view.name]
+        camera = table.camera_at(shot.zoom)
+        values = np.array([camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion])
+        turned = np.eye(3) if head is None else head.head_from_camera(*head.pan_tilt_from_vapix(shot.reading))
+        found[view.name] = Seen(
+            lens=PERSPECTIVE, values=values, camera=camera, view=view, head_from_camera=np.asarray(turned)
+        )
+    return found
+
+
+def head_from_boards(shots_path: Path, target: Target, work: Path, say: Say) -> Outcome:
+    """The head, and T_ptz, from boards that rest while the camera turns."""
+    shots = read_shots(shots_path)
+    table = zoom_of(work)
+    boards = read_boards([shots_path.parent / shot.image for shot in shots], target, lambda text, i, n: say(text))
+    by_name = {Path(shot.image).name: shot for shot in shots}
+    seen = seen_by_ptz(table, boards, by_name, None)
+    turned = [
+        TurnedBoard(place=by_name[name].place, reading=by_name[name].reading, seen=one) for name, one in seen.items()
+    ]
+    fit = calibrate_head(turned)
+    head = head_model(fit.values, fit.signs)
+    millimetres = 1e3 * float(np.linalg.norm(fit.offset_m))
+    sigma = np.sqrt(np.diag(fit.covariance))
+    errors = {metres: math.degrees(fit.offset_error_rad(metres)) for metres in (2.0, 10.0)}
+    quality = {
+        "sigma_deg": math.degrees(float(max(sigma[2:5]))),
+        "t_ptz_mm": millimetres,
+        "t_ptz_sigma_mm": 1e3 * float(np.linalg.norm(sigma[5:])),
+        "error_at_2_m_deg": errors[2.0],
+        "error_at_10_m_deg": errors[10.0],
+        "rms_px": fit.rms_px,
+        "pictures": len(turned),
+    }
+    path = write_head(work, head, quality)
+    lines = [
+        *head_lines(head),
+        f"  rms {fit.rms_px:.3f} px of {len(turned)} pictures; T_ptz {millimetres:.1f} ± "
+        f"{quality['t_ptz_sigma_mm']:.1f} mm, neglecting it errs by {errors[2.0]:.3f}° at 2 m and "
+        f"{errors[10.0]:.3f}° at 10 m",
+    ]
+    return Outcome(lines=tuple(lines), document=quality, written=(path,))
+
+
+def lens_of(camera: CameraModel) -> tuple[Lens, Array]:
+    """The parameter vector of a camera."""
+    if isinstance(camera, UnifiedCamera):
+        return UNIFIED, np.array([camera.fx, camera.fy, camera.cx, camera.cy, camera.xi, *camera.distortion])
+    lens = KANNALA_BRANDT if isinstance(camera, KannalaBrandtCamera) else PERSPECTIVE
+    assert isinstance(camera, KannalaBrandtCamera | PerspectiveCamera)
+    return lens, np.array([camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion])
+
+
+def board_pairs(
+    shots_path: Path, target: Target, fisheye: CameraModel, table: ZoomTable, head: HeadModel
+) -> list[BoardPair]:
+    """Boards that both cameras found."""
+    shots = [shot for shot in read_shots(shots_path) if shot.fisheye is not None]
+    if not shots:
+        raise CalibrationError(f'{shots_path}: no entry names a fisheye picture; give it as "fisheye"')
+    folder = shots_path.parent
+    ptz = read_boards([folder / shot.image for shot in shots], target)
+    fish = read_boards(sorted({folder / str(shot.fisheye) for shot in shots}), target)
+    if fish.size_px != fisheye.size_px:
+        sizes = f"fisheye pictures of {fish.size_px} px, calibrated at {fisheye.size_px} px"
+        raise CalibrationError(f"{shots_path}: {sizes}; take them at one size")
+    lens, values = lens_of(fisheye)
+    views = {view.name: view for view in fish.views}
+    seen = seen_by_ptz(table, ptz, {Path(shot.image).name: shot for shot in shots}, head)
+    pairs = []
+    for shot in shots:
+        one, other = views.get(Path(str(shot.fisheye)).name), seen.get(Path(shot.image).name)
+        if one is not None and other is not None:
+            mine = Seen(lens=lens, values=values, camera=fisheye, view=one, head_from_camera=np.eye(3))
+            pairs.append(BoardPair(name=Path(shot.image).name, fisheye=mine, ptz=other))
+    return pairs
+
+
+def rig_from_boards(shots_path: Path, target: Target, work: Path, out: Path, say: Say) -> tuple[Outcome, Rig, RigFit]:
+    """rig.yaml in metres from boards that both cameras see."""
+    fisheye, table, (head, head_quality) = fisheye_of(work), zoom_of(work), head_of(work)
+    pairs = board_pairs(shots_path, target, fisheye, table, head)
+    say(f"{len(pairs)} boards seen by both cameras")
+    fit = calibrate_boards(pairs)
+    sigma = np.sqrt(np.diag(fit.covariance))
+    rig = Rig(
+        fisheye=fisheye,
+        zoom=table,
+        head=head,
+        head_from_fisheye_rotation=fit.rotation,
+        head_from_fisheye_translation=fit.translation,
+        metric=True,
+        uncertainty=Uncertainty(
+            rotation_rad=max(float(sigma[:3].max()), LEAST_ROTATION_RAD),
+            translation=max(float(sigma[3:].max()), 1e-3),
+            head_rad=max(math.radians(float(head_quality["sigma_deg"])), LEAST_HEAD_RAD),
+        ),
+    )
+    quality = {"method": "boards", "pairs": len(pairs), "rms_px": fit.rms_px, "reversed": list(fit.reversed_names)}
+    written = write_rig(rig, out, quality)
+    baseline = float(np.linalg.norm(fit.translation))
+    lines = [
+        *verdict_lines(fit.verdicts),
+        f"rig: |T| {1e3 * baseline:.1f} mm ± {1e3 * float(sigma[3:].max()):.1f} mm, rms {fit.rms_px:.3f} px "
+        f"(fisheye {fit.fisheye_rms_px:.3f}, PTZ {fit.ptz_rms_px:.3f}) of {len(pairs)} boards",
+        verdict(rig),
+    ]
+    return Outcome(lines=tuple(lines), document=quality, written=(written,)), rig, fit
+
+
+def scene_pairs(
+    fisheye_grey: Grey, shots: Sequence[Shot], greys: Sequence[Grey], table: ZoomTable, head: HeadModel
+) -> ScenePairs:
+    """Features of the fisheye's picture found in the widest PTZ pictures, as directions in the head's frame."""
+    mine = find_features(fisheye_grey, most=4000, contrast=0.008)
+    wide = min(shot.zoom for shot in shots)
+    chosen = [(shot, grey) for shot, grey in zip(shots, greys, strict=True) if shot.zoom == wide]
+    camera = table.camera_at(wide)
+    parts = []
+    for share in SHARES:
+        for (shot, _), features in zip(chosen, features_of([grey for _, grey in chosen], share), strict=True):
+            pairs = match(mine, features, ratio=0.85)
+            rays, valid = camera.lift(features.pixels[pairs[:, 1]])
+            turned = head.head_from_camera(*head.pan_tilt_from_vapix(shot.reading))
+            sigma = np.full(int(valid.sum()), 0.6 / share / camera.fx)
+            parts.append((mine.pixels[pairs[valid, 0]], (rays @ turned.T)[valid], sigma))
+    return ScenePairs(
+        fisheye_px=np.concatenate([part[0] for part in parts]),
+        directions=np.concatenate([part[1] for part in parts]),
+        sigma_rad=np.concatenate([part[2] for part in parts]),
+    )
+
+
+def rig_from_scene(shots_path: Path, fisheye_path: Path, work: Path, out: Path, say: Say) -> SceneResult:
+    """rig.yaml with |T| = 1 from features of the scene; the fisheye too when the work folder has none."""
+    shots = read_shots(shots_path)
+    table, (head, head_quality) = zoom_of(work), head_of(work)
+    known = fisheye_of(work) if (work / "fisheye.part.yaml").is_file() else None
+    if known is not None and not isinstance(known, UnifiedCamera):
+        raise CalibrationError("fisheye: without a board the rig needs the unified model; `--model unified`")
+    grey = grey_of(fisheye_path)
+    say("matching fisheye and PTZ pictures")
+    pairs = scene_pairs(grey, shots, [grey_of(shots_path.parent / shot.image) for shot in shots], table, head)
+    height, width = grey.shape
+    fit = calibrate_scene_rig(pairs, (width, height), None if known is None else lens_of(known)[1], progress=say)
+    camera = known or _to_edge(fit, (width, height))
+    sigma = np.sqrt(np.diag(fit.covariance))
+    across = 1.4826 * float(np.nanmedian(np.abs(fit.across_rad)))
+    rig = Rig(
+        fisheye=camera,
+        zoom=table,
+        head=head,
+        head_from_fisheye_rotation=fit.rotation,
+        head_from_fisheye_translation=fit.translation,
+        metric=False,
+        uncertainty=Uncertainty(
+            rotation_rad=max(float(sigma[9:12].max()), across, LEAST_ROTATION_RAD),
+            translation=min(max(float(sigma[12:].max()), 1e-3), 0.5),
+            head_rad=max(math.radians(float(head_quality["sigma_deg"])), LEAST_HEAD_RAD),
+        ),
+    )
+    quality = {
+        "method": "scene",
+        "features": len(fit.pairs.directions),
+        "rms_px": fit.rms_px,
+        "across_median_deg": math.degrees(float(np.nanmedian(np.abs(fit.across_rad)))),
+        "fisheye": "from a board" if known is not None else "from the scene",
+    }
+    if known is None:
+        write_part(work, "fisheye_from_scene", fisheye_section(camera), quality)
+    written = write_rig(rig, out, quality)
+    lines = (
+        f"rig: {quality['features']} features agree to {quality['across_median_deg']:.3f}° across their circles "
+        f"(median), {fit.rms_px:.3f} px",
+        "  no board of known size: |T| = 1, ranges are in baselines (metric: false)",
+        verdict(rig),
+    )
+    return SceneResult(rig=rig, fit=fit, outcome=Outcome(lines=lines, document=quality, written=(written,)))
+
+
+def _to_edge(fit: SceneRigFit, size_px: tuple[int, int]) -> CameraModel:
+    camera = fit.lens.camera(fit.values, size_px, math.radians(179.0))
+    rays, valid = camera.lift(fit.pairs.fisheye_px)
+    reach = float(np.percentile(angle_between(rays[valid], np.array([0.0, 0.0, 1.0])), 99.5)) + EDGE_RAD
+    return fit.lens.camera(fit.values, size_px, min(reach, camera.limit_rad - 1e-6))
+
+
+def write_rig(rig: Rig, out: Path, quality: Mapping[str, object]) -> Path:
+    """Write rig.yaml, read it back, and only then put it in place."""
+    when = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    text = dump_rig(rig, {"made": when, "ptzd": __version__, **quality})
+    read_rig(text, str(out))
+    out.parent.mkdir(parents=True, exist_ok=True)
+    fresh = out.with_suffix(".new")
+    fresh.write_text(text)
+    fresh.replace(out)
+    return out
+
+
+def expected_error_rad(rig: Rig, range_: float) -> float:
+    """One sigma of the predicted direction at a range, in the unit of T."""
+    assert rig.uncertainty is not None
+    shift = 0.0 if math.isinf(range_) else rig.uncertainty.translation / range_
+    return math.hypot(rig.uncertainty.rotation_rad, rig.uncertainty.head_rad, shift)
+
+
+def verdict(rig: Rig) -> str:
+    """One sentence: what pointing error to expect, and what would make it less."""
+    unit = "m" if rig.metric else "baselines"
+    told = ", ".join(
+        f"{math.degrees(expected_error_rad(rig, metres)):.2f}° at "
+        + ("infinity" if math.isinf(metres) else f"{metres:g} {unit}")
+        for metres in RANGES_M
+    )
+    assert rig.uncertainty is not None
+    near, far = expected_error_rad(rig, 1.0), expected_error_rad(rig, math.inf)
+    if not rig.metric:
+        advice = "a board of known size in both cameras would give ranges in metres"
+    elif near > 2.0 * far:
+        advice = "more boards close to both cameras, spread over the field, would improve near targets most"
+    elif rig.uncertainty.head_rad > rig.uncertainty.rotation_rad:
+        advice = "more pictures with pan and tilt far apart would improve the head, which limits it"
+    else:
+        advice = "more boards far apart in the fisheye's picture would improve it most"
+    return f"verdict: expect a pointing error (one sigma) of {told}; {advice}."
+
+
+def reading_for(rig: Rig, pixel: Sequence[float], inverse_range: float) -> HeadReading:
+    """What the head would be told for a fisheye pixel at an inverse range."""
+    ray, _ = rig.fisheye.lift(np.array(pixel))
+    direction = rig.head_from_fisheye_rotation @ ray + inverse_range * rig.head_from_fisheye_translation
+    return rig.aim(direction / np.linalg.norm(direction), rig.zoom.zoom_range[0])

@@ -1,0 +1,288 @@
+"""Pictures for a calibration: taken by driving the camera, or drawn of a simulated rig with boards in its scene."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from ptzd.app.calibrating import Say, Shot
+from ptzd.app.daemon import open_fisheye
+from ptzd.app.loading import load_config
+from ptzd.calibration.target import Target
+from ptzd.config import Config, HttpSource
+from ptzd.devices.vapix.head import VapixHead
+from ptzd.errors import DeviceLost
+from ptzd.geometry.sphere import bearing, rotation_from_rotvec
+from ptzd.geometry.types import Array, CameraModel
+from ptzd.model import HeadLimits, HeadReading
+from ptzd.runtime.clock import SteadyClock
+from ptzd.sim.head import Pose
+from ptzd.sim.imager import Exposure, Noise, PtzEye, encode, fisheye_picture
+from ptzd.sim.optics import camera_at
+from ptzd.sim.profile import profile
+from ptzd.sim.rig_truth import fisheye_camera, head_model
+from ptzd.sim.scene import load_scene
+
+ZOOMS = (1, 170, 420, 800, 1350, 2200, 3500, 5500, 9999)
+"""Evenly spread in the focal length of a lens whose magnification grows evenly, 1 to 32 times."""
+WIDE_DEG, TELE_SHARE = 60.0, 32.0
+"""Field of view at zoom 1 and magnification at zoom 9999 that steps are chosen for; half as much or twice will do."""
+PICTURE_S = 15.0
+SIZE_PX = (640, 480)
+FISHEYE_PRINT, PAIR_PRINT = 1.5, 3.0
+"""Sizes of the prints that the fisheye and both cameras are shown, in sizes of the smallest."""
+
+
+def settings(path: Path) -> Config:
+    """Settings with the password files found from where the settings are."""
+    config = load_config(path)
+    ptz, fisheye = config.ptz, config.fisheye
+    if ptz.password_file is not None:
+        ptz = msgspec.structs.replace(ptz, password_file=str(path.parent / ptz.password_file))
+    if isinstance(fisheye, HttpSource) and fisheye.password_file is not None:
+        fisheye = msgspec.structs.replace(fisheye, password_file=str(path.parent / fisheye.password_file))
+    return msgspec.structs.replace(config, ptz=ptz, fisheye=fisheye)
+
+
+def plan(
+    limits: HeadLimits, zooms: Sequence[float] = ZOOMS, centre: tuple[float, float] | None = None
+) -> list[HeadReading]:
+    """Where to look: all around at the widest zoom, and a cross of six at every longer one."""
+    tilt_low, tilt_high = max(limits.tilt_deg[0], -55.0), min(limits.tilt_deg[1], 45.0)
+    pan_low, pan_high = max(limits.pan_deg[0], -80.0), min(limits.pan_deg[1], 80.0)
+    tilts = np.linspace(tilt_low, tilt_high, max(2, math.ceil((tilt_high - tilt_low) / 25.0) + 1))
+    readings = [
+        HeadReading(pan_deg=float(pan), tilt_deg=float(tilt), zoom=1.0)
+        for pan in np.linspace(pan_low, pan_high, 5)
+        for tilt in tilts
+    ]
+    middle = centre or (10.0, float(np.clip(-8.0, tilt_low, tilt_high)))
+    for zoom in (zoom for zoom in zooms if 1 < zoom <= limits.zoom[1]):
+        width = WIDE_DEG / (1.0 + (zoom - 1.0) / 9998.0 * (TELE_SHARE - 1.0))
+        for across, up in ((0, 0), (0.35, 0), (-0.35, 0), (0, 0.28), (0, -0.28), (0.3, 0.25)):
+            pan, tilt = middle[0] + across * width, float(np.clip(middle[1] + up * width, tilt_low, tilt_high))
+            readings.append(HeadReading(pan_deg=pan, tilt_deg=tilt, zoom=float(zoom)))
+    return readings
+
+
+async def capture(config_path: Path, work: Path, zooms: Sequence[float], say: Say) -> Path:
+    """Drive the camera through the plan and keep every picture with the angles it was taken at.
+
+    Returns
+    -------
+    Path
+        The list of pictures; the fisheye's picture lies beside it.
+    """
+    config, clock = settings(config_path), SteadyClock()
+    await asyncio.to_thread(work.mkdir, parents=True, exist_ok=True)
+    async with open_fisheye(config.fisheye, clock) as source:
+        try:
+            first = await asyncio.wait_for(anext(aiter(source.pictures())), PICTURE_S)
+        except TimeoutError:
+            raise DeviceLost(f"fisheye: no picture within {PICTURE_S:g} s; check cable or address") from None
+    (work / "fisheye.jpg").write_bytes(first.jpeg)
+    shots = []
+    async with VapixHead(config.ptz, config.limits, clock) as head:
+        readings = plan(await head.describe(), zooms)
+        for number, wanted in enumerate(readings, 1):
+            await head.move(wanted)
+            picture, view = await head.grab(clock.now_ns())
+            name = f"ptz_{number:03}.jpg"
+            (work / name).write_bytes(picture.jpeg)
+            shots.append(
+                Shot(
+                    image=name,
+                    pan_deg=view.reading.pan_deg,
+                    tilt_deg=view.reading.tilt_deg,
+                    zoom=view.reading.zoom,
+                    fisheye="fisheye.jpg",
+                )
+            )
+            say(
+                f"[{number}/{len(readings)}] pan {view.reading.pan_deg:.2f}°, tilt {view.reading.tilt_deg:.2f}°, "
+                f"zoom {view.reading.zoom:g}"
+            )
+    return write_shots(work / "shots.json", shots)
+
+
+def write_shots(path: Path, shots: Sequence[Shot]) -> Path:
+    """Write a list of PTZ pictures."""
+    path.write_bytes(msgspec.json.format(msgspec.json.encode(shots), indent=1))
+    return path
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Board:
+    """A chessboard in the world."""
+
+    target: Target
+    rotation: Array
+    origin_m: Array
+
+    def over(self, picture: NDArray[np.uint8], rays: Array) -> NDArray[np.uint8]:
+        """The picture with the board in front of everything; rays ``(h, w, k, 3)``, k samples per pixel."""
+        middle = rays.shape[2] // 2
+        rows, columns = np.nonzero(self._at(rays[:, :, middle])[0])
+        if len(rows) == 0:
+            return picture
+        part = np.s_[max(rows.min() - 2, 0) : rows.max() + 3, max(columns.min() - 2, 0) : columns.max() + 3]
+        hit, dark = self._at(rays[part])
+        share = hit.mean(axis=-1)
+        shade = np.where(hit, np.where(dark, 30.0, 225.0), 0.0).sum(axis=-1) / np.maximum(hit.sum(axis=-1), 1)
+        drawn = picture.copy()
+        drawn[part] = np.rint(picture[part] * (1 - share) + shade * share)
+        return drawn
+
+    def _at(self, rays: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which rays ``(..., 3)`` meet the board, and which meet a dark square."""
+        local, away = rays @ self.rotation, self.origin_m @ self.rotation
+        with np.errstate(divide="ignore", invalid="ignore"):
+            depth = away[2] / local[..., 2]
+            u = (local[..., 0] * depth - away[0]) / self.target.pitch_m
+            v = (local[..., 1] * depth - away[1]) / self.target.pitch_m
+            width, height = self.target.columns, self.target.rows
+            hit = (depth > 0) & (u > -1.8) & (u < width + 0.8) & (v > -1.8) & (v < height + 0.8)
+            inside = (u > -1) & (u < width) & (v > -1) & (v < height)
+            return hit, inside & (np.mod(np.floor(u) + np.floor(v), 2) == 0)
+
+
+def samples(camera: CameraModel, side: int = 3) -> tuple[Array, NDArray[np.bool_]]:
+    """Rays ``(h, w, side², 3)`` of sub-pixels, and which pixels have all of them."""
+    width, height = camera.size_px
+    steps = (np.arange(side) + 0.5) / side - 0.5
+    grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)[:, :, None, :]
+    offsets = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(1, 1, -1, 2)
+    rays, valid = camera.lift(grid + offsets)
+    return rays, np.asarray(valid.all(axis=-1))
+
+
+def tilted(rng: np.random.Generator, target: Target, direction: Array, range_m: float) -> Board:
+    """A board at a place, facing the camera up to a random tilt."""
+    forward = direction / np.linalg.norm(direction)
+    right = np.cross([0.0, 1.0, 0.0], forward)
+    right /= np.linalg.norm(right)
+    facing = np.column_stack([right, np.cross(forward, right), forward])
+    turn = rotation_from_rotvec(rng.uniform(-1.0, 1.0, 3) * np.radians([32.0, 32.0, 25.0]))
+    rotation = facing @ turn
+    middle = target.points_m().mean(axis=0)
+    return Board(target=target, rotation=rotation, origin_m=forward * range_m - rotation @ middle)
+
+
+class Studio:
+    """Draws the pictures of a person who shows boards to a simulated rig.
+
+    Parameters
+    ----------
+    scene, kind : str
+        Names of a scene and of a camera profile.
+    work : Path
+        Where the pictures go.
+    target : Target
+        The smallest of the chessboards; larger prints of it are used for other distances.
+    seed : int
+        Of places and noise.
+    """
+
+    def __init__(self, scene: str, kind: str, work: Path, target: Target, seed: int) -> None:
+        self._scene, self._profile = load_scene(scene), profile(kind)
+        self._head = head_model(self._profile.mount, self._profile)
+        self._lens = fisheye_camera(self._scene.camera, None)
+        self._eye = PtzEye(self._scene, self._profile, self._head, noise_sigma=0.0, seed=seed)
+        self._noise = {size: Noise(2.0, seed, size) for size in (self._lens.size_px, SIZE_PX)}
+        self._rng = np.random.default_rng(seed)
+        self._target, self._work = target, work
+        self._rays: dict[float, Array] = {}
+        self._empty = cv2.cvtColor(fisheye_picture(self._scene, self._lens), cv2.COLOR_BGR2GRAY).astype(np.uint8)
+        self._lens_rays, self._lens_valid = samples(self._lens)
+
+    def boards(self, count: int = 24) -> Path:
+        """Fisheye pictures of a board all over the field; returns their folder."""
+        target = replace(self._target, pitch_m=self._target.pitch_m * FISHEYE_PRINT)
+        for number in range(count):
+            angle, turn = math.radians(8.0 + 70.0 * math.sqrt(number / (count - 1))), number * 2.4
+            side = math.sin(angle)
+            direction = np.array([side * math.cos(turn), side * math.sin(turn), math.cos(angle)])
+            board = tilted(self._rng, target, direction, float(self._rng.uniform(0.55, 0.8)))
+            self._fisheye(f"boards/{number:02}.jpg", board)
+        return self._work / "boards"
+
+    def zooms(self, zooms: Sequence[int] = (1, 170, 420, 800, 1350), count: int = 12) -> Path:
+        """PTZ pictures of a board at each zoom; returns their list."""
+        shots = []
+        for zoom in zooms:
+            camera = camera_at(self._profile, zoom, SIZE_PX)
+            reading = HeadReading(pan_deg=5.0, tilt_deg=-10.0, zoom=float(zoom))
+            turned = self._head.head_from_camera(*self._head.pan_tilt_from_vapix(reading))
+            for number in range(count):
+                ray, _ = camera.lift(self._rng.uniform([160.0, 130.0], [480.0, 350.0]))
+                range_m = camera.fx / 640.0 * 9.5 * self._target.pitch_m * float(self._rng.uniform(1.5, 2.2))
+                board = tilted(self._rng, self._target, turned @ ray, range_m)
+                shots.append(self._ptz(f"zoom/{zoom}_{number:02}.jpg", board, reading))
+        return write_shots(self._work / "zoom.json", shots)
+
+    def pairs(self, count: int = 12) -> Path:
+        """Boards that both cameras see, the PTZ in three poses each; returns the list."""
+        target = replace(self._target, pitch_m=self._target.pitch_m * PAIR_PRINT)
+        R, T = self._scene.head_from_fisheye_rotation, self._scene.head_from_fisheye_translation_m
+        shots = []
+        for number in range(count):
+            direction = bearing(math.radians(-50 + 100 * (number % 4) / 3), math.radians(-30 + 17 * (number // 4)))
+            board = tilted(self._rng, target, direction, float(self._rng.uniform(1.3, 1.9)))
+            seen = replace(board, rotation=R.T @ board.rotation, origin_m=R.T @ (board.origin_m - T))
+            fisheye = self._fisheye(f"pairs/fisheye_{number:02}.jpg", seen)
+            aim = self._head.vapix_from_pan_tilt(*self._head.aim(direction), 1.0)
+            for turn, (across, up) in enumerate(((0.0, 0.0), (9.0, 6.0), (-9.0, -6.0))):
+                tilt = float(np.clip(aim.tilt_deg + up, self._profile.tilt.low, self._profile.tilt.high))
+                pan_deg, tilt_deg = self._profile.quantise(aim.pan_deg + across), self._profile.quantise(tilt)
+                reading = HeadReading(pan_deg=pan_deg, tilt_deg=tilt_deg, zoom=1.0)
+                shot = self._ptz(f"pairs/ptz_{number:02}_{turn}.jpg", board, reading)
+                shots.append(msgspec.structs.replace(shot, fisheye=fisheye, place=number))
+        return write_shots(self._work / "pairs.json", shots)
+
+    def scene_only(self, zooms: Sequence[float] = ZOOMS) -> Path:
+        """The fisheye's picture and the PTZ's at every pose of `plan`, no board; returns the list."""
+        limits = HeadLimits(
+            pan_deg=(self._profile.pan.low, self._profile.pan.high),
+            tilt_deg=(self._profile.tilt.low, self._profile.tilt.high),
+            zoom=(1.0, self._profile.zoom.high),
+        )
+        self._write("scene/fisheye.jpg", self._empty)
+        shots = []
+        for number, wanted in enumerate(plan(limits, zooms)):
+            pan_deg, tilt_deg = self._profile.quantise(wanted.pan_deg), self._profile.quantise(wanted.tilt_deg)
+            reading = HeadReading(pan_deg=pan_deg, tilt_deg=tilt_deg, zoom=wanted.zoom)
+            shot = self._ptz(f"scene/ptz_{number:03}.jpg", None, reading)
+            shots.append(msgspec.structs.replace(shot, fisheye="scene/fisheye.jpg"))
+        return write_shots(self._work / "scene.json", shots)
+
+    def _fisheye(self, name: str, board: Board) -> str:
+        drawn = board.over(self._empty, self._lens_rays)
+        return self._write(name, np.where(self._lens_valid, drawn, self._empty).astype(np.uint8))
+
+    def _ptz(self, name: str, board: Board | None, reading: HeadReading) -> Shot:
+        pose = Pose(pan_deg=reading.pan_deg, tilt_deg=reading.tilt_deg, zoom=reading.zoom)
+        drawn = cv2.cvtColor(self._eye.clean(Exposure(pose=pose, size_px=SIZE_PX)), cv2.COLOR_BGR2GRAY)
+        if board is not None:
+            if reading.zoom not in self._rays:
+                self._rays = {reading.zoom: samples(camera_at(self._profile, reading.zoom, SIZE_PX))[0]}
+            turned = self._head.head_from_camera(*self._head.pan_tilt_from_vapix(reading))
+            in_camera = replace(board, rotation=turned.T @ board.rotation, origin_m=turned.T @ board.origin_m)
+            drawn = in_camera.over(np.asarray(drawn, np.uint8), self._rays[reading.zoom])
+        image = self._write(name, np.asarray(drawn, np.uint8))
+        return Shot(image=image, pan_deg=reading.pan_deg, tilt_deg=reading.tilt_deg, zoom=reading.zoom)
+
+    def _write(self, name: str, grey: NDArray[np.uint8]) -> str:
+        path = self._work / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        height, width = grey.shape
+        noisy = self._noise[width, height].on(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR).astype(np.uint8))
+        path.write_bytes(encode(noisy, 92))
+        return name

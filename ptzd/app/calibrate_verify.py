@@ -1,0 +1,118 @@
+"""`ptzd calibrate verify`: how well a calibration predicts pictures it has not seen."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import aiohttp
+import numpy as np
+
+from ptzd.app.calibrate_rig import board_pairs, grey_of, reading_for, scene_pairs
+from ptzd.app.calibrating import Outcome, read_shots
+from ptzd.calibration.file import load_rig
+from ptzd.calibration.pose import plane_pose
+from ptzd.calibration.target import Target
+from ptzd.errors import CalibrationError, DeviceLost
+from ptzd.geometry.rig import Rig
+from ptzd.geometry.sphere import angle_between, bearing, normalise, rotation_from_rotvec
+from ptzd.geometry.types import Array
+
+NEAR_RAD = math.radians(2.0)
+"""Matches farther off their circle are chance."""
+WIDEST_RAD = math.radians(25.0)
+MIN_MATCHES = 30
+
+
+def _summary(name: str, errors_rad: Array) -> tuple[str, dict[str, object]]:
+    low, high = np.degrees(np.percentile(errors_rad, [50, 95]))
+    most, count = math.degrees(float(errors_rad.max())), len(errors_rad)
+    line = f"{name}: median {low:.3f}°, 95 % {high:.3f}°, largest {most:.3f}° of {count}"
+    return line, {"median_deg": float(low), "p95_deg": float(high), "count": len(errors_rad)}
+
+
+def with_scene(shots_path: Path, fisheye_path: Path, calibration: Path) -> Outcome:
+    """Angles of matched features off their epipolar circles: the error that a search's band has to cover."""
+    rig = load_rig(calibration)
+    shots = read_shots(shots_path)
+    greys = [grey_of(shots_path.parent / shot.image) for shot in shots]
+    pairs = scene_pairs(grey_of(fisheye_path), shots, greys, rig.zoom, rig.head)
+    rays, valid = rig.fisheye.lift(pairs.fisheye_px)
+    carried = rays @ rig.head_from_fisheye_rotation.T
+    unit = normalise(rig.head_from_fisheye_translation)
+    off = np.abs(np.arcsin(np.clip((pairs.directions * normalise(np.cross(unit, carried))).sum(1), -1.0, 1.0)))
+    good = valid & (off < NEAR_RAD) & (angle_between(carried, pairs.directions) < WIDEST_RAD)
+    if good.sum() < MIN_MATCHES:
+        raise CalibrationError(
+            f"verify: {int(good.sum())} matches lie within {math.degrees(NEAR_RAD):g}° of their circles; the "
+            "calibration does not belong to these pictures, or they show nothing in common: calibrate again"
+        )
+    line, document = _summary("across the circles", off[good])
+    return Outcome(lines=(line,), document={"across": document}, written=())
+
+
+def with_boards(shots_path: Path, target: Target, calibration: Path) -> Outcome:
+    """Angles between where the fisheye's board is predicted for the head and where the PTZ sees it: the whole error."""
+    rig = load_rig(calibration)
+    pairs = board_pairs(shots_path, target, rig.fisheye, rig.zoom, rig.head)
+    errors = []
+    for pair in pairs:
+        rays, valid = rig.fisheye.lift(pair.fisheye.view.pixels)
+        pose = plane_pose(pair.fisheye.view.points_m[valid], rays[valid])
+        options = []
+        for view in pair.ptz.view.orders():
+            points = view.points_m @ rotation_from_rotvec(pose[:3]).T + pose[3:]
+            scale = 1.0 if rig.metric else np.inf
+            predicted = points @ rig.head_from_fisheye_rotation.T + rig.head_from_fisheye_translation / scale
+            seen, _ = pair.ptz.camera.lift(view.pixels)
+            options.append(angle_between(predicted, seen @ pair.ptz.head_from_camera.T))
+        errors.append(min(options, key=lambda angles: float(np.median(angles))))
+    if not errors:
+        raise CalibrationError("verify: no board is seen by both cameras; hold it where both see it whole")
+    line, document = _summary("boards", np.concatenate(errors))
+    return Outcome(lines=(line,), document={"boards": document}, written=())
+
+
+async def with_truth(url: str, calibration: Path, step_px: float = 24.0) -> Outcome:
+    """Pointing error against a simulated rig's side channel, over the fisheye's picture."""
+    rig = load_rig(calibration)
+    width, height = rig.fisheye.size_px
+    told, across = [], []
+    try:
+        async with aiohttp.ClientSession() as session:
+            for x in np.arange(step_px, width - step_px, step_px).tolist():
+                for y in np.arange(step_px, height - step_px, step_px).tolist():
+                    if not bool(rig.fisheye.lift(np.array([x, y]))[1]):
+                        continue
+                    async with session.get(f"{url}/truth/direction", params={"x": str(x), "y": str(y)}) as answer:
+                        if answer.status == 200:
+                            truth = await answer.json()
+                            told.append(pointing_error_rad(rig, (x, y), truth["vapix"], float(truth["range_m"])))
+                            across.append(closest_rad(rig, (x, y), truth["vapix"]))
+    except aiohttp.ClientError as error:
+        raise DeviceLost(f"{url}: {error}; start the simulator with `ptzd sim`") from None
+    if not across:
+        raise CalibrationError(f"{url}: knows no direction; is it the side channel of `ptzd sim`?")
+    line, document = _summary("pointing error on the arc's best point", np.array(across))
+    lines, result = [line], {"across": document}
+    if rig.metric:
+        line, result["pointing"] = _summary("pointing error at the true range", np.array(told))
+        lines.append(line)
+    return Outcome(lines=tuple(lines), document={"truth": result}, written=())
+
+
+def _aimed(reading: dict[str, float]) -> Array:
+    return bearing(math.radians(reading["pan_deg"]), math.radians(reading["tilt_deg"]))
+
+
+def pointing_error_rad(rig: Rig, pixel: tuple[float, float], truth: dict[str, float], range_m: float) -> float:
+    """Angle between what the head is told and what it should be told, rad."""
+    reading = reading_for(rig, pixel, 1.0 / range_m)
+    return float(angle_between(_aimed(truth), bearing(*np.radians([reading.pan_deg, reading.tilt_deg]))))
+
+
+def closest_rad(rig: Rig, pixel: tuple[float, float], truth: dict[str, float]) -> float:
+    """The same at the range that fits best: what a search along the arc can reach, rad."""
+    baseline = float(np.linalg.norm(rig.head_from_fisheye_translation))
+    share = np.append(0.0, np.geomspace(0.01, 1.5, 200))
+    return min(pointing_error_rad(rig, pixel, truth, baseline / max(float(s), 1e-9)) for s in share)

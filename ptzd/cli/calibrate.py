@@ -1,0 +1,193 @@
+"""`ptzd calibrate`: pictures in, rig.yaml and a report out."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+
+from ptzd.calibration.target import Target, TargetKind, parse_target
+from ptzd.errors import CalibrationError
+
+if TYPE_CHECKING:
+    from ptzd.app.calibrating import Outcome
+
+_WORK = Path("calibration")
+
+
+def add_commands(commands: argparse._SubParsersAction[Any]) -> None:
+    """Add ``calibrate`` with its steps."""
+    top = commands.add_parser("calibrate", help="from pictures or the live cameras to rig.yaml")
+    steps = top.add_subparsers(dest="step", required=True, metavar="STEP", parser_class=type(top))
+    common = argparse.ArgumentParser(add_help=False)
+    common.add_argument("--work", type=Path, default=_WORK, help="folder that keeps pictures and parts")
+    common.add_argument("--json", action="store_true")
+    board = argparse.ArgumentParser(add_help=False)
+    board.add_argument("--board", metavar="COLUMNSxROWS", help="inner corners, or circles; without it: from the scene")
+    board.add_argument("--pitch", type=float, default=0.03, metavar="M", help="side of a square; m")
+    board.add_argument("--kind", choices=[kind.value for kind in TargetKind], default=TargetKind.CHESSBOARD.value)
+    board.add_argument("--dictionary", default="DICT_4X4_50", help="of a ChArUco board")
+
+    capture = steps.add_parser("capture", parents=[common], help="drive the camera and keep pictures of the scene")
+    capture.add_argument("--config", type=Path, required=True)
+    capture.add_argument("--zooms", help="zoom units, separated by commas")
+    capture.set_defaults(run=_capture)
+    draw = steps.add_parser("simulate", parents=[common], help="draw the pictures of a simulated rig")
+    draw.add_argument("--scene", default="room")
+    draw.add_argument("--profile", default="dome")
+    draw.add_argument("--seed", type=int, default=3)
+    draw.add_argument("--boards", action="store_true", help="with boards; without: the scene alone")
+    draw.set_defaults(run=_simulate)
+    fisheye = steps.add_parser("fisheye", parents=[common, board], help="the fisheye's lens")
+    fisheye.add_argument("pictures", type=Path, nargs="?", help="folder with pictures of the board")
+    fisheye.add_argument("--from", dest="source", type=Path, help="a calibration of OpenCV, Kalibr or ROS instead")
+    fisheye.add_argument("--max-angle", type=float, default=90.0, help="edge of the image circle with --from, deg")
+    fisheye.add_argument("--model", choices=["unified", "kannala_brandt"], default="unified")
+    fisheye.add_argument("--report", type=Path, help="HTML")
+    fisheye.set_defaults(run=_fisheye)
+    for name, text, run in (
+        ("zoom", "the PTZ's lens over zoom (and, without a board, the head)", _zoom),
+        ("head", "the head from boards at rest", _head),
+    ):
+        step = steps.add_parser(name, parents=[common, board], help=text)
+        step.add_argument("shots", type=Path, help="list of PTZ pictures with their angles (JSON)")
+        step.set_defaults(run=run)
+    rig = steps.add_parser("rig", parents=[common, board], help="how both stand to each other; writes rig.yaml")
+    rig.add_argument("shots", type=Path, help="list of PTZ pictures with their angles (JSON)")
+    rig.add_argument("--fisheye", type=Path, help="the fisheye's picture, without a board")
+    rig.add_argument("--out", type=Path, default=Path("rig.yaml"))
+    rig.add_argument("--report", type=Path, help="HTML")
+    rig.set_defaults(run=_rig)
+    verify = steps.add_parser("verify", parents=[common, board], help="measure the error with fresh pictures")
+    verify.add_argument("shots", type=Path, help="list of PTZ pictures with their angles (JSON)")
+    verify.add_argument("--calibration", type=Path, required=True)
+    verify.add_argument("--fisheye", type=Path, help="the fisheye's picture, without a board")
+    verify.add_argument("--truth", metavar="URL", help="side channel of a simulated rig: the true pointing error")
+    verify.set_defaults(run=_verify)
+
+
+def _say(text: str) -> None:
+    console = Console(file=sys.stderr, highlight=False, soft_wrap=True)
+    console.print(text, style="dim", markup=False)
+
+
+def _show(outcome: Outcome, *, as_json: bool) -> int:
+    if as_json:
+        print(json.dumps({**outcome.document, "written": [str(path) for path in outcome.written]}))
+    else:
+        print("\n".join(outcome.lines))
+        for path in outcome.written:
+            print(f"written: {path}")
+    return 0
+
+
+def _target(arguments: argparse.Namespace) -> Target:
+    if arguments.board is None:
+        raise CalibrationError("board: give its size with --board COLUMNSxROWS, counting inner corners or circles")
+    return replace(parse_target(arguments.kind, arguments.board, arguments.pitch), dictionary=arguments.dictionary)
+
+
+def _capture(arguments: argparse.Namespace) -> int:
+    from ptzd.app.calibrate_session import ZOOMS, capture
+
+    zooms: tuple[int, ...] = ZOOMS
+    if arguments.zooms is not None:
+        try:
+            zooms = tuple(int(zoom) for zoom in arguments.zooms.split(","))
+        except ValueError:
+            raise CalibrationError(f"--zooms {arguments.zooms}: give whole numbers separated by commas") from None
+    path = asyncio.run(capture(arguments.config, arguments.work, zooms, _say))
+    print(f"written: {path}")
+    return 0
+
+
+def _simulate(arguments: argparse.Namespace) -> int:
+    from ptzd.app.calibrate_session import Studio
+
+    target = Target(columns=8, rows=6, pitch_m=0.03)
+    studio = Studio(arguments.scene, arguments.profile, arguments.work, target, arguments.seed)
+    written = [studio.boards(), studio.zooms(), studio.pairs()] if arguments.boards else [studio.scene_only()]
+    for path in written:
+        print(f"written: {path}")
+    return 0
+
+
+def _fisheye(arguments: argparse.Namespace) -> int:
+    from ptzd.app import calibrating
+    from ptzd.app.calibrate_report import fisheye_report
+
+    if arguments.source is not None:
+        return _show(calibrating.foreign(arguments.source, arguments.work, arguments.max_angle), as_json=arguments.json)
+    if arguments.pictures is None:
+        raise CalibrationError("fisheye: give the folder with pictures of the board, or --from a calibration")
+    outcome, fit, boards = calibrating.fisheye(
+        arguments.pictures, _target(arguments), arguments.work, arguments.model, _say
+    )
+    report = arguments.report or arguments.work / "fisheye.html"
+    report.write_text(fisheye_report(outcome, fit, boards), encoding="utf-8")
+    return _show(replace(outcome, written=(*outcome.written, report)), as_json=arguments.json)
+
+
+def _zoom(arguments: argparse.Namespace) -> int:
+    from ptzd.app import calibrate_rig, calibrating
+
+    if arguments.board is None:
+        outcome = calibrate_rig.turning(arguments.shots, arguments.work, _say)
+    else:
+        outcome = calibrating.zoom_from_boards(arguments.shots, _target(arguments), arguments.work, _say)
+    return _show(outcome, as_json=arguments.json)
+
+
+def _head(arguments: argparse.Namespace) -> int:
+    from ptzd.app import calibrate_rig
+
+    outcome = calibrate_rig.head_from_boards(arguments.shots, _target(arguments), arguments.work, _say)
+    return _show(outcome, as_json=arguments.json)
+
+
+def _rig(arguments: argparse.Namespace) -> int:
+    from ptzd.app import calibrate_rig
+    from ptzd.app.calibrate_report import rig_report
+
+    report = arguments.report or arguments.out.with_suffix(".html")
+    if arguments.board is None:
+        picture = _picture(arguments)
+        result = calibrate_rig.rig_from_scene(arguments.shots, picture, arguments.work, arguments.out, _say)
+        outcome, rig = result.outcome, result.rig
+        pixels, residuals = result.fit.pairs.fisheye_px, result.fit.residuals_px
+    else:
+        target = _target(arguments)
+        outcome, rig, fit = calibrate_rig.rig_from_boards(arguments.shots, target, arguments.work, arguments.out, _say)
+        picture, (pixels, residuals) = _picture(arguments), fit.fisheye_points()
+    report.write_text(rig_report(outcome, rig, picture, arguments.shots, pixels, residuals), encoding="utf-8")
+    return _show(replace(outcome, written=(*outcome.written, report)), as_json=arguments.json)
+
+
+def _picture(arguments: argparse.Namespace) -> Path:
+    from ptzd.app.calibrating import read_shots
+
+    if arguments.fisheye is not None:
+        return Path(arguments.fisheye)
+    named = [shot.fisheye for shot in read_shots(arguments.shots) if shot.fisheye is not None]
+    if not named:
+        raise CalibrationError(f"{arguments.shots}: no entry names a fisheye picture; give it with --fisheye")
+    return Path(arguments.shots.parent / named[0])
+
+
+def _verify(arguments: argparse.Namespace) -> int:
+    from ptzd.app import calibrate_verify
+
+    if arguments.board is None:
+        outcome = calibrate_verify.with_scene(arguments.shots, _picture(arguments), arguments.calibration)
+    else:
+        outcome = calibrate_verify.with_boards(arguments.shots, _target(arguments), arguments.calibration)
+    if arguments.truth is not None:
+        more = asyncio.run(calibrate_verify.with_truth(arguments.truth, arguments.calibration))
+        outcome = replace(outcome, lines=(*outcome.lines, *more.lines), document={**outcome.document, **more.document})
+    return _show(outcome, as_json=arguments.json)
