@@ -67,11 +67,11 @@ async def test_sigterm_in_a_fault(make_site) -> None:
     assert [result.outcome for result in site.results] == ["device_lost"]
 
 
-async def test_sigterm_with_a_camera_that_no_longer_answers(make_site) -> None:
+async def test_sigterm_in_a_move_with_a_camera_that_no_longer_answers(make_site) -> None:
     site = await make_site()
     await site.spawn()
     await site.request("a", hold_s=60.0)
-    await site.until_locked("a")
+    await site.until_truth(lambda: site.moving)
     site.rig.inject(Fault(kind=FaultKind.HANG))
     await terminated(site)
     await site.end()

@@ -36,7 +36,8 @@ HALF_EXPOSURE_NS = 25_000_000
 """Of 1/20 s, the longest exposure that a camera in usual light takes."""
 AFTER_NS = 50_000_000
 """Rest that must be reported beyond the exposure, for reports younger than assumed."""
-GOODBYE_S = 2.0
+GOODBYE_S = 1.0
+"""For a last stop on the way out. The core has waited 3 s for its own; together the end stays below 5 s."""
 
 
 def stillness_of(settings: Ptz) -> Stillness:
