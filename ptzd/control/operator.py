@@ -44,7 +44,10 @@ class Operator:
             self.desk.end_waiting(waiting, outcome, reason)
 
     def stop_or_home(self, event: ev.ControlReceived) -> None:
-        """Stop pre-empts everything and nothing moves after it; home stops nothing but goes there at once."""
+        """Stop pre-empts everything and nothing moves after it; home stops nothing but goes there at once.
+
+        A camera that is lost is told to stop all the same, but whoever asked hears at once that nobody confirms it.
+        """
         memory = self._memory
         serving = memory.state in SERVING
         if serving:
@@ -54,6 +57,8 @@ class Operator:
             self.work.stop()
             if event.token is not None:
                 memory.stop_tokens.append(event.token)
+            if memory.ptz != "well":
+                self._refuse_stops(memory.ptz)
         elif serving:
             self.go_home()
             self.reply(event.token, event.verb)
@@ -71,6 +76,9 @@ class Operator:
     def stop_failed(self, reason: str) -> None:
         """The camera did not say that it stands: whoever asked hears so."""
         self._memory.stop_until_ns = None
+        self._refuse_stops(reason)
+
+    def _refuse_stops(self, reason: str) -> None:
         for token in self._memory.stop_tokens:
             self.desk.refuse(token, RequestRefused("device_lost", f"the stop is not confirmed: {reason}"))
         self._memory.stop_tokens.clear()

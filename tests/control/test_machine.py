@@ -297,3 +297,12 @@ def test_the_ring_forgets(world) -> None:
     accepted = world.request(frame_seq=399, token=4)
     assert isinstance(accepted[0], cmd.PinFrame)
     assert accepted[0].frame == FrameRef(seq=399, t_capture_ns=accepted[0].frame.t_capture_ns)
+
+
+def test_a_stop_without_a_camera_is_tried_and_refused_at_once(world) -> None:
+    world.tell(ev.DeviceLost(t_ns=world.t_ns, device=ev.Device.PTZ, reason="no answer"))
+    commands = world.tell(ev.ControlReceived(t_ns=world.t_ns, token=9, verb=ev.Verb.STOP))
+    assert cmd.StopHead() in commands
+    (refused,) = [command for command in commands if isinstance(command, cmd.ReplyRefused)]
+    assert (refused.token, refused.code) == (9, "device_lost")
+    assert "no answer" in refused.message
