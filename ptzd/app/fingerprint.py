@@ -14,6 +14,7 @@ import numpy as np
 
 from ptzd import __version__
 
+CPUINFO = Path("/proc/cpuinfo")
 _PACKAGES = ("numpy", "opencv-python-headless", "scipy", "eclipse-zenoh", "aiohttp", "mcap", "msgspec")
 _DISPATCH = ("OPENCV_CPU_DISABLE", "OPENCV_IPP", "NPY_DISABLE_CPU_FEATURES", "OPENBLAS_CORETYPE")
 """Variables with which libraries are told to use other code than what the CPU could run."""
@@ -49,7 +50,7 @@ def fingerprint() -> Mapping[str, str]:
 def _cpu_model() -> str:
     """What OpenBLAS picks its kernels by, as the kernel tells it; empty where it does not."""
     try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        lines = CPUINFO.read_text().splitlines()
     except OSError:
         return ""
     told = dict(line.replace("\t", "").partition(":")[::2] for line in lines if ":" in line)

@@ -46,7 +46,8 @@ class Story:
         if not self.differences:
             return f"{self.name}: {ended}"
         if self.would_end == self.ended:
-            return f"{self.name}: {ended} all the same, by another way"
+            way = "by another way" if any(found.parts for found in self.differences) else "with other values"
+            return f"{self.name}: {ended} all the same, {way}"
         if not self.would_end:
             return f"{self.name}: {ended}, replayed otherwise; to what end, the recording cannot tell"
         return f"{self.name}: {ended}, replayed {self.would_end}"

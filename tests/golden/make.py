@@ -2,7 +2,8 @@
 
 python tests/golden/make.py [NAME ...]
 
-Prints how the decisions of each story differ from those of the log that it replaces.
+Prints what the present code makes of each log before it is replaced (which values differ, and where they part), and
+how the new story's decisions differ from the old one's.
 The pictures show the scene ``room``, which was modelled for this project; they are under its licence.
 """
 
@@ -35,6 +36,7 @@ from ptzd.errors import RequestRefused
 from ptzd.log.file import McapFile
 from ptzd.log.reader import LoggedCommand, LoggedEvent, LogReader
 from ptzd.log.topics import COMMAND
+from ptzd.replay.report import Report, lines
 from ptzd.sim.rig import SimRig
 from ptzd.sim.settings import SimSettings
 
@@ -205,7 +207,10 @@ def renew(name: str, fresh: Path) -> None:
     path = HERE / f"{name}.mcap"
     size = fresh.stat().st_size
     assert size <= MAX_BYTES, f"{name}: {size} bytes; at most {MAX_BYTES}"
-    before = list(told(path)) if path.exists() else []
+    before = []
+    if path.exists():
+        print("\n".join(lines(Report(path=path, replay=replay(path, recompute=True)))))
+        before = list(told(path))
     changes = list(difflib.unified_diff(before, list(told(fresh)), f"{name} before", f"{name} now", lineterm="", n=1))
     print("\n".join(changes) if changes else f"{name}: the same decisions in the same order")
     path.write_bytes(fresh.read_bytes())
