@@ -7,12 +7,12 @@ window moves the answer only when its pixels say so beyond what trying many rang
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ptzd.matching.arrays import Floats
+from ptzd.matching.arrays import Floats, Index
 from ptzd.matching.place import Place
 from ptzd.matching.refine import Bounds, Refined, photometric, refine
 
@@ -28,10 +28,9 @@ LEAST_SIDE = 8
 """Grid steps."""
 CORRELATED = 5.0
 """Samples that carry one independent piece of evidence: the low-pass ties neighbours together."""
-EVIDENCE_TO_ADJUST = 2.0
-"""Log-likelihood by which a window must prefer its own range and slopes near the whole region's."""
-EVIDENCE_TO_JUMP = 12.0
-"""Log-likelihood by which it must prefer a surface at quite another range: many were tried."""
+COSTS = (0.0, 2.0, 3.0, 12.0)
+"""Log-likelihood that a window must add to move the answer: stay; slopes and range of its own nearby; the range of any
+candidate of the whole region; any range at all, of which there are many and most windows fit somewhere by chance."""
 GAIN_SPAN = 1.7
 """How much the gain of a window may differ from that of the region."""
 ITERATIONS = 2
@@ -87,20 +86,63 @@ def settle_on_centre(
     place, sigma = outer.place, outer.sigma_rad
     count = len(sigma)
     gains = _allowed_gains(patch, view, arc, place)
+    own = np.tile(place.planes @ arc.rotated, (count, 1))
+    anywhere = np.tile(ranges, (count, 1))
     for share in WINDOWS:
         window = central_window(patch, share)
         if window is None:
             break
-        start = place.join(_best_range(window, view, arc, place, ranges, bounds.noise, gains))
+        look = Look(window=window, view=view, arc=arc, noise=bounds.noise, gains=gains)
+        start = place.join(look.best_range(place, own)).join(look.best_range(place, anywhere))
         tried = refine(window, view, arc, start, bounds, ITERATIONS, hold=True)
-        evidence = _evidence(window, view, arc, place.join(tried.place), bounds.noise, np.tile(gains, 3)).reshape(
-            3, count
-        )
-        evidence -= np.array([[0.0], [EVIDENCE_TO_ADJUST], [EVIDENCE_TO_JUMP]])
+        everything = place.join(tried.place)
+        evidence = look.evidence(everything).reshape(len(COSTS), count) - np.array(COSTS)[:, None]
         pick = np.argmax(evidence, axis=0) * count + np.arange(count)
         sigma = np.concatenate([sigma, tried.sigma_rad])[pick]
-        place = place.join(tried.place).take(pick)
+        place = everything.take(pick)
     return place, sigma
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Look:
+    """A window and how well places explain it."""
+
+    window: Patch
+    view: WorkingView
+    arc: EpipolarArc
+    noise: float
+    gains: Floats
+    """(2, k) least and greatest gain of each candidate."""
+
+    def best_range(self, place: Place, ranges: Array) -> Place:
+        """Put each of k candidates at the one of its inverse ranges (k, m) that explains the window best."""
+        count, tried = ranges.shape
+        everything = Place(
+            planes=ranges.reshape(-1, 1) * self.arc.rotated,
+            offset=np.repeat(place.offset, tried),
+            roll=np.repeat(place.roll, tried),
+        )
+        order = np.repeat(np.arange(count), tried)
+        chosen = self.evidence(everything, order).reshape(count, tried).argmax(axis=1)
+        return Place(
+            planes=ranges[np.arange(count), chosen][:, None] * self.arc.rotated, offset=place.offset, roll=place.roll
+        )
+
+    def evidence(self, place: Place, owner: Index | None = None) -> Floats:
+        """Log-likelihood of the window's grey values up to gain and offset; -inf where half is out of view.
+
+        ``owner`` says whose gains apply to each place; without it the places are the k candidates several times.
+        """
+        samples = self.view.sample(place.warps(self.arc), self.window.rays)
+        weight = samples.inside * self.window.weight
+        total = weight.sum(axis=1)
+        if owner is None:
+            owner = np.arange(len(total)) % self.gains.shape[1]
+        low, high = self.gains[:, owner]
+        _, residual = photometric(weight, samples.grey, self.window.grey, (low, high))
+        explained = np.einsum("kn,kn->k", weight, residual * residual) / np.maximum(total, 1e-9)
+        independent = 1.0 / float((self.window.weight**2).sum()) / CORRELATED
+        return np.where(total > 0.5, -0.5 * independent * np.log(explained + self.noise**2), -np.inf)
 
 
 def _allowed_gains(patch: Patch, view: WorkingView, arc: EpipolarArc, place: Place) -> Floats:
@@ -108,30 +150,3 @@ def _allowed_gains(patch: Patch, view: WorkingView, arc: EpipolarArc, place: Pla
     samples = view.sample(place.warps(arc), patch.rays)
     gain, _ = photometric(samples.inside * patch.weight, samples.grey, patch.grey)
     return np.sort(np.stack([gain / GAIN_SPAN, gain * GAIN_SPAN]), axis=0)
-
-
-def _best_range(
-    window: Patch, view: WorkingView, arc: EpipolarArc, place: Place, ranges: Array, noise: float, gains: Floats
-) -> Place:
-    count = len(place.offset)
-    everything = Place(
-        planes=np.tile(ranges[:, None] * arc.rotated, (count, 1)),
-        offset=np.repeat(place.offset, len(ranges)),
-        roll=np.repeat(place.roll, len(ranges)),
-    )
-    evidence = _evidence(window, view, arc, everything, noise, np.repeat(gains, len(ranges), axis=1)).reshape(
-        count, len(ranges)
-    )
-    chosen = evidence.argmax(axis=1)
-    return Place(planes=ranges[chosen][:, None] * arc.rotated, offset=place.offset, roll=place.roll)
-
-
-def _evidence(window: Patch, view: WorkingView, arc: EpipolarArc, place: Place, noise: float, gains: Floats) -> Floats:
-    """Log-likelihood of the window's grey values up to gain and offset; -inf where half is out of view."""
-    samples = view.sample(place.warps(arc), window.rays)
-    weight = samples.inside * window.weight
-    total = weight.sum(axis=1)
-    _, residual = photometric(weight, samples.grey, window.grey, (gains[0], gains[1]))
-    variance = (weight * residual * residual).sum(axis=1) / np.maximum(total, 1e-9) + noise * noise
-    independent = 1.0 / float((window.weight**2).sum()) / CORRELATED
-    return np.where(total > 0.5, -0.5 * independent * np.log(variance), -np.inf)

@@ -25,18 +25,29 @@ def skew(vectors: Array) -> Array:
     return matrices
 
 
-def axis_rotations(axes: Array, angles: Array) -> Array:
-    """Return rotations (k, 3, 3) about unit axes (k, 3) by angles (k,), Rodrigues."""
-    generator = skew(axes)
-    sine, cosine = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
-    return np.asarray(np.eye(3) + sine * generator + (1.0 - cosine) * (generator @ generator))
-
-
 def turns(arc: EpipolarArc, inverse_range: Array, offset: Array, roll: Array) -> Array:
     """Return rotations (k, 3, 3): the roll about the arc's point, then the offset across the arc, rad."""
-    point = normalise(arc.rotated + inverse_range[:, None] * arc.translation)
-    turn = axis_rotations(cross(point, arc.normal), offset)
-    return np.asarray(turn @ axis_rotations(point, roll)) if roll.any() else turn
+    return turns_at(_points(arc, inverse_range), arc.normal, offset, roll)
+
+
+def turns_at(points: Array, normal: Array, offset: Array, roll: Array) -> Array:
+    """Return the rotations of `turns` for points (k, 3) of the arc with its normal (3,): Rodrigues, twice.
+
+    The offset turns in the plane of point p and normal n: ``I + sin (n pᵀ - p nᵀ) + (cos - 1)(p pᵀ + n nᵀ)``.
+    """
+    outer = normal[:, None] * points[:, None, :]
+    own = points[:, :, None] * points[:, None, :]
+    sine, lost = np.sin(offset)[:, None, None], (np.cos(offset) - 1.0)[:, None, None]
+    turn = np.eye(3) + sine * (outer - outer.transpose(0, 2, 1)) + lost * (own + normal[:, None] * normal)
+    if not roll.any():
+        return np.asarray(turn)
+    sine, cosine = np.sin(roll)[:, None, None], np.cos(roll)[:, None, None]
+    return np.asarray(turn @ (cosine * np.eye(3) + sine * skew(points) + (1.0 - cosine) * own))
+
+
+def _points(arc: EpipolarArc, inverse_range: Array) -> Array:
+    sums = arc.rotated + inverse_range[:, None] * arc.translation
+    return np.asarray(sums / np.sqrt((sums * sums).sum(axis=1))[:, None])
 
 
 def warps(arc: EpipolarArc, planes: Array, offset: Array, roll: Array) -> Array:
@@ -64,19 +75,16 @@ def motions(arc: EpipolarArc, planes: Array, offset: Array, roll: Array, warp: A
     (float64 (k, 3), float64 (k, 3, 3), float64 (k, 3, 3))
         Change per inverse range of a ray; matrices that give the change per offset and per roll from the ray.
     """
-    inverse_range = planes @ arc.rotated
-    point = normalise(arc.rotated + inverse_range[:, None] * arc.translation)
-    turn = axis_rotations(cross(point, arc.normal), offset)
-    across = skew(cross(point, arc.normal)) @ warp
-    aimed = (turn @ point[..., None])[..., 0]
-    along = (turn @ (axis_rotations(point, roll) @ arc.translation)[..., None])[..., 0]
-    return along, across, skew(aimed) @ warp
+    points = _points(arc, planes @ arc.rotated)
+    aimed = np.cos(offset)[:, None] * points + np.sin(offset)[:, None] * arc.normal
+    along = turns_at(points, arc.normal, offset, roll) @ arc.translation
+    return along, skew(cross(points, arc.normal)) @ warp, skew(aimed) @ warp
 
 
 def bearings(arc: EpipolarArc, planes: Array, offset: Array) -> Array:
     """Return the head-frame directions (k, 3) of the box's centre."""
-    point = normalise(arc.rotated + (planes @ arc.rotated)[:, None] * arc.translation)
-    return np.asarray(np.cos(offset)[:, None] * point + np.sin(offset)[:, None] * arc.normal)
+    points = _points(arc, planes @ arc.rotated)
+    return np.asarray(np.cos(offset)[:, None] * points + np.sin(offset)[:, None] * arc.normal)
 
 
 def speed(arc: EpipolarArc, inverse_range: Array) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 from ptzd.matching.arrays import Floats, Grey
 
 TILE_PX = 16
-TILES_PER_SIDE = 14
+TILES_PER_SIDE = 9
 SIGMA_FLOOR = 0.7
 """Grey levels: rounding to 8 bit (0.29) and the quantisation of a JPEG of usual quality."""
 
@@ -33,9 +33,10 @@ def noise_sigma(grey: Grey) -> float:
     height, width = grey.shape
     rows = np.linspace(0, max(height - TILE_PX, 0), TILES_PER_SIDE).astype(int)
     columns = np.linspace(0, max(width - TILE_PX, 0), TILES_PER_SIDE).astype(int)
-    tiles = np.stack([grey[y : y + TILE_PX, x : x + TILE_PX] for y in rows for x in columns])
-    if min(tiles.shape[1:]) < 3:
+    if min(height, width) < TILE_PX:
         return SIGMA_FLOOR
+    windows = np.lib.stride_tricks.sliding_window_view(grey, (TILE_PX, TILE_PX))
+    tiles = windows[rows[:, None], columns].reshape(-1, TILE_PX, TILE_PX)
     means = tiles.mean(axis=(1, 2))
     usable = tiles[(means > 8) & (means < 247)]
     if len(usable) == 0:

@@ -12,6 +12,7 @@ from ptzd.matching.hypotheses import (
     sample_offsets,
     skew,
     speed,
+    turns,
     warps,
 )
 
@@ -97,3 +98,14 @@ def test_offsets_are_symmetric_and_reach_the_band():
     assert np.allclose(offsets, -offsets[::-1])
     assert np.diff(offsets).max() <= 0.006 + 1e-12
     assert sample_offsets(0.0, 0.01).tolist() == [0.0]
+
+
+@settings(max_examples=30, deadline=None)
+@given(s=st.floats(0.0, 1.0), offset=st.floats(-1.0, 1.0), roll=st.floats(-1.0, 1.0))
+def test_turns_are_rotations_about_the_line_of_sight_then_across(world, s, offset, roll):
+    arc = arc_of(world)
+    turn = turns(arc, np.array([s]), np.array([offset]), np.array([roll]))[0]
+    assert np.allclose(turn @ turn.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(turn) == pytest.approx(1.0)
+    assert angle_between(turn @ arc.bearing(s), arc.bearing(s)) == pytest.approx(abs(offset), abs=1e-9)
+    assert np.trace(turns(arc, np.array([s]), np.zeros(1), np.array([roll]))[0]) == pytest.approx(1 + 2 * np.cos(roll))
