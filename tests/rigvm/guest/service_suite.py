@@ -25,6 +25,7 @@ RIG = Path("/run/rig")
 PICTURES = Path("/run/fisheye")
 PASSWORD = "seen-by-nobody-else"
 BOX = (261, 197, 34, 28)
+ATTEMPTS = 4
 BUS = "tcp/127.0.0.1:7447"
 DROP_IN = """[Service]
 # The guest computes some thirty times slower than a machine.
@@ -84,7 +85,7 @@ def prepare(facts: dict[str, str]) -> str:
         "stall_s": 15.0,
     }
     del settings["ptz"]["password_file"]
-    settings["ptz"] |= {"fps": 2, "poll_hz": 2, "move_timeout_s": 120.0, "stall_s": 60.0}
+    settings["ptz"] |= {"fps": 3, "poll_hz": 4, "move_timeout_s": 120.0, "stall_s": 60.0}
     settings["queue"] = {"timeout_s": 1200.0}
     settings["search"] = {"frame_max_age_s": 60.0}
     settings["log"] = {"directory": "/var/log/ptzd", "min_free_bytes": 50_000_000}
@@ -172,9 +173,13 @@ def check_start(checks: Checks) -> None:
 
 
 def check_request(checks: Checks, facts: dict[str, str]) -> None:
-    begin_s = time.monotonic()
-    result = look_at_box("first", 1100.0)
-    seen = f"{result} after {time.monotonic() - begin_s:.0f} s"
+    """The core gives a picture twelve seconds; a guest that shares its processors may need more than one try."""
+    for attempt in range(1, ATTEMPTS + 1):
+        begin_s = time.monotonic()
+        result = look_at_box(f"try-{attempt}", 1100.0)
+        if isinstance(result, RoiResult) and result.outcome == "locked":
+            break
+    seen = f"{result} at attempt {attempt} after {time.monotonic() - begin_s:.0f} s"
     if checks.that("a box is locked", isinstance(result, RoiResult) and result.outcome == "locked", seen):
         off_deg = error_deg(facts["truth_url"], result)
         checks.that("on what the fisheye sees there", off_deg <= 0.5, f"{off_deg:.3f} deg off the truth")
