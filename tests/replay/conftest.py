@@ -8,6 +8,7 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from types import ModuleType
 
+import cv2
 import msgspec
 import pytest
 import yaml
@@ -97,6 +98,7 @@ def record(
     """Writes the steps, falsified or not, as a log; the path of the file."""
 
     async def write(falsify: Falsify = list, *, folder: str = "log", foreign: bool = False) -> Path:
+        cv2.setNumThreads(1)  # as the daemon does: with another number the log would be another machine's
         run = RunInfo(
             rig="test",
             config_text=yaml.safe_dump(msgspec.to_builtins(config)),
