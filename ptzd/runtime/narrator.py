@@ -27,6 +27,8 @@ class Narrator:
                 _log.error("%s lost: %s", event.device, event.reason, extra={"device": event.device})
             case ev.DeviceWell():
                 _log.info("%s is well", event.device, extra={"device": event.device})
+            case ev.RequestReceived() if any(isinstance(command, cmd.PinFrame) for command in commands):
+                _log.info("request %s accepted", event.id, extra={"request": event.id})
             case ev.ForeignMotion():
                 _log.warning("somebody else moves the camera", extra={"device": ev.Device.PTZ})
             case _:
@@ -36,8 +38,6 @@ class Narrator:
 
     def _tell(self, command: cmd.Command) -> None:
         match command:
-            case cmd.PinFrame():
-                _log.info("request %s accepted", command.request_id, extra={"request": command.request_id})
             case cmd.ReplyRefused():
                 _log.warning("refused: %s: %s (%s)", command.field, command.message, command.code)
             case cmd.PublishResult():
