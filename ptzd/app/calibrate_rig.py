@@ -47,7 +47,6 @@ from ptzd.geometry.sphere import angle_between
 from ptzd.geometry.types import Array, CameraModel
 from ptzd.geometry.unified import UnifiedCamera
 from ptzd.geometry.zoom import ZoomTable
-from ptzd.model import HeadReading
 
 SHARES = (0.5, 0.3)
 """Sizes at which PTZ pictures are matched to a fisheye: its pixels are two to four times as coarse."""
@@ -365,10 +364,3 @@ def verdict(rig: Rig) -> str:
     else:
         advice = "more boards far apart in the fisheye's picture would improve it most"
     return f"verdict: expect a pointing error (one sigma) of {told}; {advice}."
-
-
-def reading_for(rig: Rig, pixel: Sequence[float], inverse_range: float) -> HeadReading:
-    """What the head would be told for a fisheye pixel at an inverse range."""
-    ray, _ = rig.fisheye.lift(np.array(pixel))
-    direction = rig.head_from_fisheye_rotation @ ray + inverse_range * rig.head_from_fisheye_translation
-    return rig.aim(direction / np.linalg.norm(direction), rig.zoom.zoom_range[0])

@@ -8,15 +8,16 @@ from pathlib import Path
 import aiohttp
 import numpy as np
 
-from ptzd.app.calibrate_rig import board_pairs, grey_of, reading_for, scene_pairs
+from ptzd.app.calibrate_rig import board_pairs, grey_of, scene_pairs
 from ptzd.app.calibrating import Outcome, read_shots
 from ptzd.calibration.file import load_rig
 from ptzd.calibration.pose import plane_pose
 from ptzd.calibration.target import Target
 from ptzd.errors import CalibrationError, DeviceLost
 from ptzd.geometry.rig import Rig
-from ptzd.geometry.sphere import angle_between, bearing, normalise, rotation_from_rotvec
+from ptzd.geometry.sphere import angle_between, normalise, rotation_from_rotvec
 from ptzd.geometry.types import Array
+from ptzd.model import HeadReading
 
 NEAR_RAD = math.radians(2.0)
 """Matches farther off their circle are chance."""
@@ -88,12 +89,12 @@ async def with_truth(url: str, calibration: Path, step_px: float = 24.0) -> Outc
                         if answer.status == 200:
                             truth = await answer.json()
                             told.append(pointing_error_rad(rig, (x, y), truth["vapix"], float(truth["range_m"])))
-                            across.append(closest_rad(rig, (x, y), truth["vapix"]))
+                            across.append(across_rad(rig, (x, y), truth["vapix"]))
     except aiohttp.ClientError as error:
         raise DeviceLost(f"{url}: {error}; start the simulator with `ptzd sim`") from None
     if not across:
         raise CalibrationError(f"{url}: knows no direction; is it the side channel of `ptzd sim`?")
-    line, document = _summary("pointing error on the arc's best point", np.array(across))
+    line, document = _summary("pointing error across the arc", np.array(across))
     lines, result = [line], {"across": document}
     if rig.metric:
         line, result["pointing"] = _summary("pointing error at the true range", np.array(told))
@@ -101,18 +102,21 @@ async def with_truth(url: str, calibration: Path, step_px: float = 24.0) -> Outc
     return Outcome(lines=tuple(lines), document={"truth": result}, written=())
 
 
-def _aimed(reading: dict[str, float]) -> Array:
-    return bearing(math.radians(reading["pan_deg"]), math.radians(reading["tilt_deg"]))
+def _wanted(rig: Rig, reading: dict[str, float]) -> Array:
+    """Where the optical axis points, in this rig's head frame, when the camera is told what it should be told."""
+    told = HeadReading(pan_deg=reading["pan_deg"], tilt_deg=reading["tilt_deg"], zoom=rig.zoom.zoom_range[0])
+    return np.asarray(rig.head_from_camera(told)[:, 2])
 
 
 def pointing_error_rad(rig: Rig, pixel: tuple[float, float], truth: dict[str, float], range_m: float) -> float:
-    """Angle between what the head is told and what it should be told, rad."""
-    reading = reading_for(rig, pixel, 1.0 / range_m)
-    return float(angle_between(_aimed(truth), bearing(*np.radians([reading.pan_deg, reading.tilt_deg]))))
+    """Angle between where the rig points for a fisheye pixel at its true range and where it should, rad."""
+    ray, _ = rig.fisheye.lift(np.array(pixel))
+    predicted = rig.head_from_fisheye_rotation @ ray + rig.head_from_fisheye_translation / range_m
+    return float(angle_between(predicted, _wanted(rig, truth)))
 
 
-def closest_rad(rig: Rig, pixel: tuple[float, float], truth: dict[str, float]) -> float:
-    """The same at the range that fits best: what a search along the arc can reach, rad."""
-    baseline = float(np.linalg.norm(rig.head_from_fisheye_translation))
-    share = np.append(0.0, np.geomspace(0.01, 1.5, 200))
-    return min(pointing_error_rad(rig, pixel, truth, baseline / max(float(s), 1e-9)) for s in share)
+def across_rad(rig: Rig, pixel: tuple[float, float], truth: dict[str, float]) -> float:
+    """Angle between the true direction and the epipolar circle: what a search along the arc cannot make good, rad."""
+    ray, _ = rig.fisheye.lift(np.array(pixel))
+    normal = normalise(np.cross(rig.head_from_fisheye_translation, rig.head_from_fisheye_rotation @ ray))
+    return abs(math.asin(float(np.clip(normal @ _wanted(rig, truth), -1.0, 1.0))))

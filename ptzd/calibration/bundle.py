@@ -42,6 +42,8 @@ class Problem:
     prior_sigma: Array | None = None
     """In the residuals' unit: a parameter this far off costs as much as a residual of 1; inf: no prior."""
     steps: int = 60
+    tolerance: float = 1e-11
+    """Relative gain of a step below which the minimum is reached; a lens' parameters trade against each other."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,9 +115,9 @@ def _normal(problem: Problem, shared: Array, parts: Linearised, weights: Array, 
     def summed(products: Array) -> Array:
         return np.add.reduceat(products, starts, axis=0)
 
-    size = len(shared)
-    block = weighted.reshape(-1, size).T @ by_shared.reshape(-1, size)
-    gradient = weighted.reshape(-1, size).T @ residuals.ravel()
+    flat = weighted.reshape(residuals.size, len(shared))
+    block = flat.T @ by_shared.reshape(residuals.size, len(shared))
+    gradient = flat.T @ residuals.ravel()
     if problem.prior_sigma is not None and problem.prior_mean is not None:
         information = 1.0 / problem.prior_sigma**2
         block = block + np.diag(information)
@@ -136,8 +138,12 @@ def _schur(normal: _Normal, free: Index, damping: float) -> tuple[Array, Array, 
     local = normal.local + np.eye(size) * (damping * diagonal + 1e-12 * (1 + diagonal))[:, None, :]
     inverse = np.linalg.inv(local)
     through = np.matmul(normal.cross, inverse)
-    flat = through.transpose(1, 0, 2).reshape(len(normal.shared), -1)
-    reduced = normal.shared - flat @ normal.cross.transpose(1, 0, 2).reshape(len(normal.shared), -1).T
+    flat = through.transpose(1, 0, 2).reshape(len(normal.shared), normal.local.shape[0] * normal.local.shape[1])
+    reduced = (
+        normal.shared
+        - flat
+        @ normal.cross.transpose(1, 0, 2).reshape(len(normal.shared), normal.local.shape[0] * normal.local.shape[1]).T
+    )
     gradient = normal.gradient_shared - flat @ normal.gradient_local.ravel()
     reduced = reduced + np.diag(damping * np.diag(normal.shared))
     return reduced[np.ix_(free, free)], gradient[free], inverse, through
@@ -195,7 +201,7 @@ def solve(problem: Problem, shared: Array, local: Array) -> Solution:
             accepted = bool(np.isfinite(after)) and after <= before
             damping = max(damping / 10, 1e-9) if accepted else damping * 8
         if accepted:
-            converged = before - after <= 1e-7 * max(before, 1e-30)
+            converged = before - after <= problem.tolerance * max(before, 1e-30)
             shared, local, parts = trial, trial_local, trial_parts
         else:
             converged = True

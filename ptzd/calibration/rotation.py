@@ -280,6 +280,7 @@ def _bundle(
         free=np.ones(len(start), bool),
         loss="cauchy",
         steps=25,
+        tolerance=1e-7,
         prior_mean=mean,
         prior_sigma=sigma,
     )

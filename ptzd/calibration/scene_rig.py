@@ -243,6 +243,7 @@ def _bundle(pairs: ScenePairs, values: Array, rotation: Array, unit: Array, free
         prior_mean=np.concatenate([middle, np.zeros(5)]),
         prior_sigma=np.concatenate([loose, np.full(5, math.inf)]) / 0.15,
         steps=30,
+        tolerance=1e-7,
     )
     start = np.concatenate(
         [values[:1], values[1:2] / values[0], values[2:], rotvec_from_rotation(rotation), [0.0, 0.0]]
