@@ -31,6 +31,8 @@ CORRELATED = 5.0
 COSTS = (0.0, 2.0, 3.0, 12.0)
 """Log-likelihood that a window must add to move the answer: stay; slopes and range of its own nearby; the range of any
 candidate of the whole region; any range at all, of which there are many and most windows fit somewhere by chance."""
+MODEL_ERROR = 0.1
+"""Residual that a true match leaves (bent surfaces, other light, sampling), as a share of the window's contrast."""
 GAIN_SPAN = 1.7
 """How much the gain of a window may differ from that of the region."""
 ITERATIONS = 2
@@ -131,6 +133,8 @@ class Look:
     def evidence(self, place: Place, owner: Index | None = None) -> Floats:
         """Log-likelihood of the window's grey values up to gain and offset; -inf where half is out of view.
 
+        Cauchy's distribution: of two surfaces in the window the one that is matched counts, the other costs little.
+
         ``owner`` says whose gains apply to each place; without it the places are the k candidates several times.
         """
         samples = self.view.sample(place.warps(self.arc), self.window.rays)
@@ -139,10 +143,13 @@ class Look:
         if owner is None:
             owner = np.arange(len(total)) % self.gains.shape[1]
         low, high = self.gains[:, owner]
+        width = 2.0 * (self.noise**2 + (MODEL_ERROR * float(self.window.grey.std())) ** 2)
         _, residual = photometric(weight, samples.grey, self.window.grey, (low, high))
-        explained = np.einsum("kn,kn->k", weight, residual * residual) / np.maximum(total, 1e-9)
+        trusted = weight / (1.0 + residual * residual / width)
+        _, residual = photometric(trusted, samples.grey, self.window.grey, (low, high))
+        lost = np.einsum("kn,kn->k", weight, np.log1p(residual * residual / width)) / np.maximum(total, 1e-9)
         independent = 1.0 / float((self.window.weight**2).sum()) / CORRELATED
-        return np.where(total > 0.5, -0.5 * independent * np.log(explained + self.noise**2), -np.inf)
+        return np.where(total > 0.5, -independent * lost, -np.inf)
 
 
 def _allowed_gains(patch: Patch, view: WorkingView, arc: EpipolarArc, place: Place) -> Floats:

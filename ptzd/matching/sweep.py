@@ -33,7 +33,7 @@ PEAKS = 10
 """Separate peaks that are refined coarsely."""
 CANDIDATES = 6
 """Separate peaks that are refined finely and reported."""
-LEAST_IN_VIEW = 0.35
+LEAST_IN_VIEW = 0.5
 """Of the best share any hypothesis has in the view."""
 LEAST_NOISE = 0.3
 """Grey levels: rounding and compression leave that much however many pixels are averaged."""

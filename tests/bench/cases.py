@@ -164,7 +164,7 @@ def _case(s: Stage, regions: list[Region], index: int, condition: Condition) -> 
     )
     ray, _ = true_rig.fisheye.lift(np.array(box.centre))
     truth = s.scene.truth(ray).bearing_head
-    visible = s.scene.visible_from_ptz(ray) and region.kind != "texture_free"
+    visible = s.scene.visible_from_ptz(ray)
     fisheye = s.fisheye(scale).astype(np.float64)
     if condition.absent:
         other = regions[(index + len(regions) // 3) % len(regions)]
