@@ -10,7 +10,8 @@ import numpy as np
 
 from ptzd.app.daemon import open_fisheye
 from ptzd.app.loading import Loaded
-from ptzd.config import Ptz
+from ptzd.config import Ptz, V4l2Source
+from ptzd.devices.v4l2_list import list_devices
 from ptzd.devices.vapix.head import VapixHead
 from ptzd.devices.vapix.timing import measure_timing
 from ptzd.errors import ConfigError, DeviceLost
@@ -63,6 +64,8 @@ async def check_cameras(loaded: Loaded, *, timing: bool) -> list[str]:
         _size_line("ptz", picture.jpeg, rig.zoom.size_px),
         f"ptz          pose of that picture known to {view.sigma_deg:.3f}° (one sigma)",
     ]
+    if isinstance(config.fisheye, V4l2Source):
+        lines += await asyncio.to_thread(_video_devices)
     async with open_fisheye(config.fisheye, clock) as fisheye:
         try:
             first = await asyncio.wait_for(anext(aiter(fisheye.pictures())), PICTURE_S)
@@ -71,6 +74,12 @@ async def check_cameras(loaded: Loaded, *, timing: bool) -> list[str]:
                 f"fisheye: no picture within {PICTURE_S:g} s; check cable, device name or address"
             ) from None
     return [*lines, _size_line("fisheye", first.jpeg, rig.fisheye.size_px)]
+
+
+def _video_devices() -> list[str]:
+    """Every camera of this machine with its formats, and those that could not be asked."""
+    offers, failures = list_devices()
+    return [*(line for offer in offers for line in offer.lines()), *map(str, failures)]
 
 
 async def _delays(head: VapixHead, start: HeadReading, settings: Ptz) -> list[str]:
