@@ -20,6 +20,7 @@ from ptzd.app.calibrating import (
     Shot,
     fisheye_of,
     head_of,
+    read_part,
     read_shots,
     verdict_lines,
     write_head,
@@ -232,7 +233,7 @@ def rig_from_boards(shots_path: Path, target: Target, work: Path, out: Path, say
         head_from_fisheye_translation=fit.translation,
         metric=True,
         uncertainty=Uncertainty(
-            rotation_rad=max(float(sigma[:3].max()), LEAST_ROTATION_RAD),
+            rotation_rad=max(math.hypot(float(sigma[:3].max()), _lens_sigma_rad(work)), LEAST_ROTATION_RAD),
             translation=max(float(sigma[3:].max()), 1e-3),
             head_rad=max(math.radians(float(head_quality["sigma_deg"])), LEAST_HEAD_RAD),
         ),
@@ -247,6 +248,11 @@ def rig_from_boards(shots_path: Path, target: Target, work: Path, out: Path, say
         verdict(rig),
     ]
     return Outcome(lines=tuple(lines), document=quality, written=(written,)), rig, fit
+
+
+def _lens_sigma_rad(work: Path) -> float:
+    """One sigma of the fisheye's rays: for the direction that is predicted it counts like an error of R."""
+    return math.radians(float(read_part(work, "fisheye")["quality"].get("ray_sigma_deg", 0.0)))
 
 
 def scene_pairs(
@@ -295,7 +301,11 @@ def rig_from_scene(shots_path: Path, fisheye_path: Path, work: Path, out: Path, 
         head_from_fisheye_translation=fit.translation,
         metric=False,
         uncertainty=Uncertainty(
-            rotation_rad=max(float(sigma[9:12].max()), across, LEAST_ROTATION_RAD),
+            rotation_rad=max(
+                math.hypot(float(sigma[9:12].max()), _lens_sigma_rad(work) if known is not None else 0.0),
+                across,
+                LEAST_ROTATION_RAD,
+            ),
             translation=min(max(float(sigma[12:].max()), 1e-3), 0.5),
             head_rad=max(math.radians(float(head_quality["sigma_deg"])), LEAST_HEAD_RAD),
         ),

@@ -20,7 +20,8 @@ from ptzd.calibration.target import Target
 from ptzd.config import Config, HttpSource
 from ptzd.devices.vapix.head import VapixHead
 from ptzd.errors import DeviceLost
-from ptzd.geometry.sphere import bearing, rotation_from_rotvec
+from ptzd.geometry.rig import Rig
+from ptzd.geometry.sphere import angle_between, bearing, rotation_from_rotvec
 from ptzd.geometry.types import Array, CameraModel
 from ptzd.model import HeadLimits, HeadReading
 from ptzd.runtime.clock import SteadyClock
@@ -154,7 +155,7 @@ class Board:
             return hit, inside & (np.mod(np.floor(u) + np.floor(v), 2) == 0)
 
 
-def samples(camera: CameraModel, side: int = 3) -> tuple[Array, NDArray[np.bool_]]:
+def samples(camera: CameraModel, side: int = 2) -> tuple[Array, NDArray[np.bool_]]:
     """Rays ``(h, w, side², 3)`` of sub-pixels, and which pixels have all of them."""
     width, height = camera.size_px
     steps = (np.arange(side) + 0.5) / side - 0.5
@@ -262,6 +263,26 @@ class Studio:
             shot = self._ptz(f"scene/ptz_{number:03}.jpg", None, reading)
             shots.append(msgspec.structs.replace(shot, fisheye="scene/fisheye.jpg"))
         return write_shots(self._work / "scene.json", shots)
+
+    def pointing_errors_deg(self, rig: Rig, step_px: int = 40) -> Array:
+        """Angles between where a rig points for pixels at their true range and where the simulated one must, deg.
+
+        A rig without metric scale is given the range in true baselines.
+        """
+        width, height = self._lens.size_px
+        grid = np.stack(np.meshgrid(np.arange(20, width, step_px), np.arange(20, height, step_px)), -1).reshape(-1, 2)
+        true, valid = self._lens.lift(grid)
+        mine, also = rig.fisheye.lift(grid)
+        T = self._scene.head_from_fisheye_translation_m
+        scale = 1.0 if rig.metric else float(np.linalg.norm(T))
+        errors = []
+        for ray, own in zip(true[valid & also], mine[valid & also], strict=True):
+            truth = self._scene.truth(ray)
+            shift = rig.head_from_fisheye_translation * scale / truth.range_m
+            reading = rig.aim(rig.head_from_fisheye_rotation @ own + shift, rig.zoom.zoom_range[0])
+            points = self._head.head_from_camera(*self._head.pan_tilt_from_vapix(reading))[:, 2]
+            errors.append(float(angle_between(points, truth.bearing_head)))
+        return np.asarray(np.degrees(errors))
 
     def _fisheye(self, name: str, board: Board) -> str:
         drawn = board.over(self._empty, self._lens_rays)

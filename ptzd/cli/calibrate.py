@@ -70,6 +70,11 @@ def add_commands(commands: argparse._SubParsersAction[Any]) -> None:
     verify.add_argument("--fisheye", type=Path, help="the fisheye's picture, without a board")
     verify.add_argument("--truth", metavar="URL", help="side channel of a simulated rig: the true pointing error")
     verify.set_defaults(run=_verify)
+    drift = steps.add_parser("drift", parents=[common], help="what the locks in logs say; refine R on request")
+    drift.add_argument("logs", type=Path, nargs="+", help="MCAP files, oldest first")
+    drift.add_argument("--calibration", type=Path, required=True)
+    drift.add_argument("--out", type=Path, help="write the rig turned back onto the locks")
+    drift.set_defaults(run=_drift)
 
 
 def _say(text: str) -> None:
@@ -191,3 +196,9 @@ def _verify(arguments: argparse.Namespace) -> int:
         more = asyncio.run(calibrate_verify.with_truth(arguments.truth, arguments.calibration))
         outcome = replace(outcome, lines=(*outcome.lines, *more.lines), document={**outcome.document, **more.document})
     return _show(outcome, as_json=arguments.json)
+
+
+def _drift(arguments: argparse.Namespace) -> int:
+    from ptzd.app.calibrate_drift import drift
+
+    return _show(drift(arguments.logs, arguments.calibration, arguments.out), as_json=arguments.json)
