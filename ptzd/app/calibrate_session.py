@@ -23,7 +23,8 @@ from ptzd.errors import DeviceLost
 from ptzd.geometry.rig import Rig
 from ptzd.geometry.sphere import angle_between, bearing, rotation_from_rotvec
 from ptzd.geometry.types import Array, CameraModel
-from ptzd.model import HeadLimits, HeadReading
+from ptzd.model import HeadLimits, HeadReading, ViewRef
+from ptzd.ports import FrameSource, MoveStalled, Picture
 from ptzd.runtime.clock import SteadyClock
 from ptzd.sim.head import Pose
 from ptzd.sim.imager import Exposure, Noise, PtzEye, encode, fisheye_picture
@@ -36,7 +37,8 @@ ZOOMS = (1, 170, 420, 800, 1350, 2200, 3500, 5500, 9999)
 """Evenly spread in the focal length of a lens whose magnification grows evenly, 1 to 32 times."""
 WIDE_DEG, TELE_SHARE = 60.0, 32.0
 """Field of view at zoom 1 and magnification at zoom 9999 that steps are chosen for; half as much or twice will do."""
-PICTURE_S = 15.0
+PICTURE_S = 30.0
+ATTEMPTS = 3
 SIZE_PX = (640, 480)
 FISHEYE_PRINT, PAIR_PRINT = 1.5, 3.0
 """Sizes of the prints that the fisheye and both cameras are shown, in sizes of the smallest."""
@@ -85,17 +87,13 @@ async def capture(config_path: Path, work: Path, zooms: Sequence[float], say: Sa
     config, clock = settings(config_path), SteadyClock()
     await asyncio.to_thread(work.mkdir, parents=True, exist_ok=True)
     async with open_fisheye(config.fisheye, clock) as source:
-        try:
-            first = await asyncio.wait_for(anext(aiter(source.pictures())), PICTURE_S)
-        except TimeoutError:
-            raise DeviceLost(f"fisheye: no picture within {PICTURE_S:g} s; check cable or address") from None
+        first = await _first(source)
     (work / "fisheye.jpg").write_bytes(first.jpeg)
     shots = []
     async with VapixHead(config.ptz, config.limits, clock) as head:
         readings = plan(await head.describe(), zooms)
         for number, wanted in enumerate(readings, 1):
-            await head.move(wanted)
-            picture, view = await head.grab(clock.now_ns())
+            picture, view = await _shot(head, wanted, clock)
             name = f"ptz_{number:03}.jpg"
             (work / name).write_bytes(picture.jpeg)
             shots.append(
@@ -103,7 +101,7 @@ async def capture(config_path: Path, work: Path, zooms: Sequence[float], say: Sa
                     image=name,
                     pan_deg=view.reading.pan_deg,
                     tilt_deg=view.reading.tilt_deg,
-                    zoom=view.reading.zoom,
+                    zoom=float(round(view.reading.zoom)),
                     fisheye="fisheye.jpg",
                 )
             )
@@ -112,6 +110,33 @@ async def capture(config_path: Path, work: Path, zooms: Sequence[float], say: Sa
                 f"zoom {view.reading.zoom:g}"
             )
     return write_shots(work / "shots.json", shots)
+
+
+async def _first(source: FrameSource) -> Picture:
+    """The next picture of a source that may need a moment to get going."""
+    lost: DeviceLost | None = None
+    try:
+        async with asyncio.timeout(PICTURE_S):
+            while True:
+                try:
+                    return await anext(aiter(source.pictures()))
+                except DeviceLost as error:
+                    lost = error
+    except TimeoutError:
+        raise DeviceLost(f"fisheye: no picture within {PICTURE_S:g} s ({lost}); check cable or address") from None
+
+
+async def _shot(head: VapixHead, wanted: HeadReading, clock: SteadyClock) -> tuple[Picture, ViewRef]:
+    """Move, rest, take a picture; a camera that goes away is given time to come back."""
+    for attempt in range(ATTEMPTS):
+        try:
+            await head.move(wanted)
+            return await head.grab(clock.now_ns())
+        except (DeviceLost, MoveStalled) as error:
+            if attempt + 1 == ATTEMPTS:
+                raise DeviceLost(f"ptz: {error}; pictures so far are kept, start again when it answers") from None
+            await head.describe()
+    raise DeviceLost("ptz: no attempt was made")
 
 
 def write_shots(path: Path, shots: Sequence[Shot]) -> Path:

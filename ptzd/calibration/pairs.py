@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -178,7 +178,8 @@ def refine_pairs(
     )
     solution = solve(bundle, np.append(rotvec_from_rotation(rotation), [0.0, 0.0]), np.zeros((1, 0)))
     refined, direction = parts(solution.shared)
-    return refined, direction, solution
+    # both distances of a pair tell of the one offset across the plane of the two rays: half as much as two would
+    return refined, direction, replace(solution, covariance=2.0 * solution.covariance)
 
 
 def _moved(shared: Array, change: Array) -> Array:
