@@ -24,6 +24,8 @@ ROBUST_SCALE = 1.2
 SLOPE_SIGMA = 1.5
 """Tangent of the obliqueness of the surfaces that are expected, one sigma."""
 DAMPING = 0.02
+RIDGE = 1e-4
+"""Share of the diagonal that keeps the normal equations definite: their sums are in single precision."""
 LARGEST_MOVE_STEPS = 1.5
 """Grid steps that the centre may move in one iteration."""
 
@@ -183,6 +185,8 @@ def _normal_equations(patch: Patch, samples: Samples, columns: Floats, noise: fl
     inner = hessian[:, free:, free:] + np.eye(2) * 1e-9
     mixed = np.linalg.solve(inner, hessian[:, free:, :free])
     by_gain = gain.astype(np.float64)
+    index = np.arange(free)
+    hessian[:, index, index] *= 1.0 + RIDGE
     normal = (hessian[:, :free, :free] - hessian[:, :free, free:] @ mixed) * (by_gain * by_gain)[:, None, None]
     right = (gradient[:, :free] - np.einsum("kij,ki->kj", mixed, gradient[:, free:])) * by_gain[:, None]
     total = np.maximum(weight.sum(axis=1), 1e-9)
