@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import threading
 from collections.abc import AsyncIterator, Iterator
 
@@ -21,6 +22,16 @@ def no_leaked_threads() -> Iterator[None]:
         if not thread.daemon and not thread.name.startswith("asyncio_"):
             thread.join(timeout=5)
             assert not thread.is_alive(), f"thread {thread.name} was left behind"
+
+
+@pytest.fixture(autouse=True)
+def logging_as_before() -> Iterator[None]:
+    """Commands set up logging for a process of their own; the next test begins without it."""
+    root = logging.getLogger()
+    handlers, level = root.handlers[:], root.level
+    yield
+    root.handlers[:] = handlers
+    root.setLevel(level)
 
 
 @pytest_asyncio.fixture(autouse=True)
