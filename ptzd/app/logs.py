@@ -31,11 +31,11 @@ def recovered(path: Path, *, as_json: bool) -> Iterator[str]:
 
 def exported(path: Path, out: Path | None, request: str | None, *, pictures: bool, as_json: bool) -> Iterator[str]:
     """Tables, pages and pictures of a file, or the page of one request."""
-    folder = out if out is not None else path.with_suffix("")
     if request is not None:
-        page = bundle(path, request, folder)
+        page = bundle(path, request, out if out is not None else path.with_name(f"{request}.html"))
         yield json.dumps({"page": str(page)}) if as_json else str(page)
         return
+    folder = out if out is not None else path.with_suffix("")
     written = export(path, folder, pictures=pictures)
     facts = {"directory": str(written.directory), "requests": written.requests, "pictures": written.pictures}
     if as_json:
