@@ -14,6 +14,8 @@ from ptzd.errors import CalibrationError
 from ptzd.geometry.sphere import normalise, rotvec_from_rotation
 from ptzd.geometry.types import Array
 
+DECIDED = 4.0
+"""A motion counts as the one when the next carries the pairs so many times worse."""
 MIN_SHIFT = 1e-4
 """|T|/d of a homography below which the cameras count as standing at one place."""
 
@@ -116,7 +118,7 @@ def join_planes(planes: list[tuple[Array, Array]]) -> tuple[Array, Array]:
         (cost for cost, option in zip(costs, options, strict=True) if _apart(option, options[best])),
         default=np.inf,
     )
-    if other < 2.0 * costs[best] + 1e-9:
+    if other < DECIDED * costs[best] + 1e-9:
         raise CalibrationError(
             "plane: two motions explain it equally well; add a second plane that is not parallel to the first"
         )

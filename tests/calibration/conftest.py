@@ -42,6 +42,11 @@ def pairs_of(first: LensFit, second: LensFit, key) -> list[BoardPair]:
 
 
 @pytest.fixture(scope="session")
+def pairing():
+    return pairs_of
+
+
+@pytest.fixture(scope="session")
 def fisheye_views() -> list[BoardView]:
     return load_views("fisheye_corners.json")
 

@@ -73,7 +73,7 @@ def test_wrong_board_size_is_told_what_is_seen(pictures, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        (lambda grey, index: np.full_like(grey, 128), "no chessboard"),
+        (lambda grey, index: np.full_like(grey, 128), "chessboard of 8×6 points in 0 of 12 only"),
         (lambda grey, index: cv2.resize(grey, (400, 300)) if index == 3 else grey, "not 320×240 px"),
     ],
     ids=["empty", "mixed"],
@@ -167,7 +167,7 @@ def test_models_without_a_counterpart_are_refused(tmp_path):
 def test_boards_before_a_simulated_rig_give_its_rig_yaml(tmp_path):
     """The whole sequence with a lens, a zoom curve and a mounting that no default states."""
     studio = Studio("room", "dome", tmp_path, TARGET, 3)
-    boards, zooms, pairs = studio.boards(16), studio.zooms((1,), 8), studio.pairs(6)
+    boards, zooms, pairs = studio.boards(16), studio.zooms((1,), 6), studio.pairs(5)
     work = ["--board", "8x6", "--work", str(tmp_path)]
     assert entry(["calibrate", "fisheye", str(boards), *work, "--pitch", "0.045"]) == 0
     assert entry(["calibrate", "zoom", str(zooms), *work, "--pitch", "0.03"]) == 0
