@@ -89,7 +89,7 @@ def test_a_single_plane_leaves_the_motion_open():
     normal = normalise(np.array([0.3, -0.2, 1.0]))
     points = rays_f * (2.0 / (rays_f @ normal))[:, None]
     rotation = rotation_from_rotvec([0.05, -0.1, 0.02])
-    rays_h = normalise(points @ rotation.T + np.array([-0.5, -0.1, -0.05]))
+    rays_h = normalise(points @ rotation.T + np.array([-0.1, -0.1, -0.5]))
     assert len(decompose(sphere_homography(rays_f, rays_h), rays_f)) == 2
     with pytest.raises(CalibrationError, match="second plane"):
         join_planes([(rays_f, rays_h)])
