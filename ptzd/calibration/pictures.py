@@ -138,6 +138,6 @@ def _nothing(paths: Sequence[Path], target: Target, refused: Sequence[ViewVerdic
             if seen is not None and set(seen) != {target.columns, target.rows}:
                 return f"pictures: no {wanted}, but {path.name} shows one of {seen[0]}×{seen[1]}; give that size"
     return (
-        f"pictures: a {wanted} in {len(paths) - len(refused)} of {len(paths)} only; check the kind and count of points, "
-        "that the whole board with its white rim is visible, and light and sharpness"
+        f"pictures: a {wanted} in {len(paths) - len(refused)} of {len(paths)} only; check the kind and count of "
+        "points, that the whole board with its white rim is visible, and light and sharpness"
     )
