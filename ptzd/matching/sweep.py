@@ -145,12 +145,13 @@ def _finish(scene: Scene, level: Level, rough: Place) -> tuple[Candidate, ...]:
     scores = level.score(rough, arc).total
     order = separate(rough, scores, arc, apart, CANDIDATES)
     rough, scores = rough.take(order), scores[order]
-    worth = int((scores >= WORTH_REFINING * scores[0]).sum()) or 1
+    worth = int((scores >= scores[0] - (1.0 - WORTH_REFINING) * abs(scores[0])).sum())
     refined = refine(patch, level.view, arc, rough.take(np.arange(worth)), level.bounds, FINE_ITERATIONS)
     whole = refined.place.join(rough.take(np.arange(worth, len(order))))
     sigma = np.concatenate([refined.sigma_rad, np.full(len(order) - worth, patch.angle_rad)])
     found = level.score(whole, arc)
-    settled = np.flatnonzero(found.total >= WORTH_SETTLING * found.total.max())
+    top = float(found.total.max())
+    settled = np.flatnonzero(found.total >= top - (1.0 - WORTH_SETTLING) * abs(top))
     ranges = sample_inverse_ranges(
         arc.rotated[None], arc.translation, scene.inputs.inverse_range, STEP_SHARE * patch.angle_rad
     )

@@ -50,6 +50,8 @@ class Condition:
     """The box shows something that is nowhere in the views."""
     kinds: tuple[str, ...] = ()
     """Only regions of these kinds; empty = all that can be found."""
+    narrow: float = 0.0
+    """Search only this share of the true inverse range to either side, as while verifying a lock; 0 = all ranges."""
     aimed_deg: float | None = None
     """One view aimed at the truth with this error instead of the scan of the arc."""
 
@@ -68,8 +70,8 @@ class Case:
     views: list[tuple[HeadReading, np.ndarray]]
     truth: np.ndarray | None
     """(3,) direction in the head frame; None when nothing in the views is right."""
+    inverse_range: tuple[float, float]
     seed: int = 1
-    inverse_range: tuple[float, float] = (1.0 / RANGE_M[1], 1.0 / RANGE_M[0])
 
 
 @dataclass
@@ -188,7 +190,14 @@ def _case(s: Stage, regions: list[Region], index: int, condition: Condition) -> 
         views=views,
         truth=truth if visible and not condition.absent else None,
         seed=seed % 1000,
+        inverse_range=_interval(1.0 / s.scene.truth(ray).range_m, condition.narrow),
     )
+
+
+def _interval(inverse_range: float, narrow: float) -> tuple[float, float]:
+    if narrow == 0.0:
+        return 1.0 / RANGE_M[1], 1.0 / RANGE_M[0]
+    return max(inverse_range * (1.0 - narrow) - 0.01, 0.0), inverse_range * (1.0 + narrow) + 0.01
 
 
 def _poses(rig: Rig, true_rig: Rig, ray: np.ndarray, truth: np.ndarray, condition: Condition, rng) -> list[HeadReading]:

@@ -68,6 +68,17 @@ CONDITIONS: tuple[Condition, ...] = (
     Condition(name="extrinsics 0.7", group="extrinsics", extrinsics_deg=0.7),
     Condition(name="extrinsics 1.0", group="extrinsics", extrinsics_deg=1.0, band_deg=1.3),
     Condition(name="extrinsics 2.0", group="extrinsics", extrinsics_deg=2.0, band_deg=2.5),
+    Condition(name="verify", group="verify", hfov_deg=40.0, aimed_deg=0.3, narrow=0.1, band_deg=0.4),
+    Condition(name="verify zoomed", group="verify", hfov_deg=13.2, aimed_deg=0.3, narrow=0.1, band_deg=0.4),
     Condition(name="absent", group="refusal", absent=True),
+    Condition(
+        name="verify absent",
+        group="refusal",
+        absent=True,
+        hfov_deg=40.0,
+        aimed_deg=0.3,
+        narrow=0.1,
+        band_deg=0.4,
+    ),
     Condition(name="texture-free", group="refusal", kinds=("texture_free",)),
 )

@@ -16,6 +16,8 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import minimize
 
+from ptzd.control.decision import CHANCE_SCORE
+
 PENALTY = 0.02
 """On squared coefficients, so that separable data give finite ones; more evidence must not count against an answer."""
 
@@ -27,7 +29,7 @@ def features(rows: list[dict]) -> tuple[np.ndarray, np.ndarray]:
         if row.get("score") is None or row.get("sigma_deg") is None or row["texture"] < 1.0:
             continue
         blur = np.log10(max(row["sigma_deg"], 0.01) / 0.05)
-        margin = row["score"] - max(row["rival"], 0.0)
+        margin = row["score"] - max(row["rival"], CHANCE_SCORE)
         design.append([1.0, row["score"], margin, blur, 1.0 - row["in_view"]])
         right.append(row["present"] and row["error_deg"] is not None and row["error_deg"] <= 1.0)
     return np.array(design), np.array(right, dtype=float)

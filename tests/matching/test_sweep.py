@@ -193,3 +193,14 @@ def test_an_occluder_in_the_view_does_not_pull(world, textures, share):
     ]
     candidate, _ = best(world.inputs(BOX, reading, noise=1.0, view_grey=view))
     assert world.error_deg(BOX, candidate) < 0.1
+
+
+def test_a_view_of_nothing_alike_still_gets_an_answer(world):
+    """Scores may all be negative in a narrow search."""
+    inputs = world.inputs(BOX, world.aimed(BOX), inverse_range=(0.3, 0.31), band_deg=0.1)
+    fisheye = inputs.fisheye_grey.copy()
+    fisheye[210:242, 290:322] = np.where((np.arange(32) // 4) % 2, 200, 50)
+    view = np.broadcast_to(np.where((np.arange(240) // 9)[:, None] % 2, 190, 60), (240, 320)).astype(np.uint8)
+    result = match(dataclasses.replace(inputs, fisheye_grey=fisheye, view_grey=view), Matcher.SWEEP)
+    assert result.candidates
+    assert result.candidates[0].score < 0.3
