@@ -29,7 +29,7 @@ COARSE_SIDE = 16
 FINE_SIDE = 40
 STEP_SHARE = 0.7
 """Grid steps between neighbouring hypotheses."""
-PEAKS = 10
+PEAKS = 8
 """Separate peaks that are refined coarsely."""
 CANDIDATES = 6
 """Separate peaks that are refined finely and reported."""
@@ -39,8 +39,8 @@ LEAST_NOISE = 0.3
 """Grey levels: rounding and compression leave that much however many pixels are averaged."""
 SEPARATION = 2.0
 """Grid steps between separate peaks."""
-COARSE_ITERATIONS = 3
-FINE_ITERATIONS = 4
+COARSE_ITERATIONS = 2
+FINE_ITERATIONS = 3
 WORTH_REFINING = 0.6
 """Share of the best rough score below which a peak is reported as it is."""
 WORTH_SETTLING = 0.75
