@@ -29,7 +29,7 @@ box { <-8, 6, -9>, <8, 6.1, 9> Flat(Hsv(210, 0.05, 0.5)) }
     texture { pigment { bozo color_map { [0 Hsv(215, 0.5, 0.3)] [1 Hsv(215, 0.4, 0.45)] } scale 0.6 } finish { Satin } } translate z * (-8 + 1.8 * I) }
   #declare I = I + 1;
 #end
-box { <-8.5, -0.5, -9.5>, <8.5, 6.5, 9.5> Flat(Hsv(200, 0.1, 0.3)) } // no ray leaves through a joint
+box { <-8.5, -0.5, -9.5>, <8.5, 6.5, 9.5> hollow Flat(Hsv(200, 0.1, 0.3)) } // no ray leaves through a joint
 // ---- walls: corrugated sheet left and right, concrete blocks at the far end ----
 #declare Z = -9;
 #while (Z < 9)
