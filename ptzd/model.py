@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 MIN_BOX_SIDE_PX = 8.0
-"""Smallest side of a box in px: fewer pixels carry too little texture to be told apart (measured, README)."""
+"""Smallest side of a box in px: requests below it are refused, since so few pixels carry too little texture."""
 
 
 class Motion(StrEnum):
