@@ -7,10 +7,13 @@ import os
 from pathlib import Path
 from typing import IO, Any, cast
 
+from mcap.data_stream import RecordBuilder
+from mcap.records import Channel, Schema
 from mcap.writer import CompressionType, Writer
 
 from ptzd import __version__
 from ptzd.log.run import CALIBRATION, CONFIG, METADATA, RunInfo
+from ptzd.log.topics import TOPICS
 from ptzd.log.topics import topic as find_topic
 
 ACTIVE = ".active"
@@ -63,7 +66,7 @@ class McapFile:
         self._t_ns = t_ns
         self._descriptor = -1
         self._channels: dict[str, int] = {}
-        self._schemas: dict[str, int] = {}
+        self._named = False
         self.good = 0
         """Offset behind the last closed chunk, bytes."""
         self.unflushed = 0
@@ -81,7 +84,26 @@ class McapFile:
         self._writer.add_metadata(METADATA, self._run.metadata())
         for name, text in ((CONFIG, self._run.config_text), (CALIBRATION, self._run.calibration_text)):
             self._writer.add_attachment(self._t_ns, self._t_ns, name, "application/yaml", text.encode())
+        self._describe()
         self.good = self._tail.offset
+
+    def _describe(self) -> None:
+        """Tell the writer of every topic, and write it down before the first chunk."""
+        records = RecordBuilder()
+        schemas: dict[str, int] = {}
+        for name, described in TOPICS.items():
+            encoding, data = described.schema_encoding, described.schema_bytes()
+            if described.schema not in schemas:
+                schema_id = self._writer.register_schema(described.schema, encoding, data)
+                schemas[described.schema] = schema_id
+                Schema(id=schema_id, name=described.schema, encoding=encoding, data=data).write(records)
+            schema_id = schemas[described.schema]
+            channel_id = self._writer.register_channel(name, described.encoding, schema_id)
+            self._channels[name] = channel_id
+            Channel(
+                id=channel_id, topic=name, message_encoding=described.encoding, schema_id=schema_id, metadata={}
+            ).write(records)
+        self._tail.write(records.end())  # type: ignore[no-untyped-call]
 
     @property
     def size(self) -> int:
@@ -91,23 +113,11 @@ class McapFile:
     def add(self, topic: str, log_ns: int, publish_ns: int, sequence: int, data: bytes) -> None:
         """Append one message; the chunk closes when it is full."""
         before = self._tail.offset
-        channel = self._channels.get(topic)
-        if channel is None:
-            channel = self._register(topic)
+        channel = self._channels[find_topic(topic).name]
         self._writer.add_message(channel, log_ns, data, publish_ns, sequence & U32)
         self.unflushed += len(data)
         if self._tail.offset != before:
             self._mark_good()
-
-    def _register(self, name: str) -> int:
-        described = find_topic(name)
-        if described.schema not in self._schemas:
-            self._schemas[described.schema] = self._writer.register_schema(
-                described.schema, described.schema_encoding, described.schema_bytes()
-            )
-        channel = self._writer.register_channel(name, described.encoding, self._schemas[described.schema])
-        self._channels[name] = channel
-        return channel
 
     def _mark_good(self) -> None:
         self.good = self._tail.offset
@@ -121,28 +131,48 @@ class McapFile:
     def sync(self) -> None:
         """Ask the disk to keep what is closed: it survives a power cut."""
         os.fdatasync(self._descriptor)
+        if not self._named:
+            self._sync_directory()
+            self._named = True
 
-    def finish(self) -> None:
-        """Write the summary, bring all of it to the disk, give the file its final name."""
+    def conclude(self) -> None:
+        """Close the last chunk and write the summary; nothing can be added any more."""
         self._writer.finish()  # type: ignore[no-untyped-call]
+
+    def seal(self) -> None:
+        """Bring all of a concluded file to the disk and give it its final name."""
         os.fsync(self._descriptor)
         self.active.rename(self.path)
-        self._close()
+        self.close()
+        self._sync_directory()
+
+    def finish(self) -> None:
+        """Conclude and seal."""
+        self.conclude()
+        self.seal()
+
+    def cut_back(self) -> None:
+        """Cut the file behind its last good chunk; recovery adds the summary."""
+        os.ftruncate(self._descriptor, self.good)
+
+    def abandon(self) -> None:
+        """Cut back and close."""
+        if self._descriptor < 0:
+            return
+        try:
+            self.cut_back()
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """Let the file go as it is; again is harmless."""
+        if self._descriptor >= 0:
+            descriptor, self._descriptor = self._descriptor, -1
+            os.close(descriptor)
+
+    def _sync_directory(self) -> None:
         directory = os.open(self.path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
         try:
             os.fsync(directory)
         finally:
             os.close(directory)
-
-    def abandon(self) -> None:
-        """Cut the file behind its last good chunk and let it go; recovery adds the summary."""
-        if self._descriptor < 0:
-            return
-        try:
-            os.ftruncate(self._descriptor, self.good)
-        finally:
-            self._close()
-
-    def _close(self) -> None:
-        os.close(self._descriptor)
-        self._descriptor = -1

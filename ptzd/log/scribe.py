@@ -1,4 +1,7 @@
-"""The writer's thread: takes records from the inbox, owns the open file, and keeps going when the disk does not."""
+"""The writer's thread: takes records from the inbox, owns the open file, and keeps going when the disk does not.
+
+It never waits for the disk to confirm anything: that is the keeper's, in a thread of its own.
+"""
 
 from __future__ import annotations
 
@@ -13,19 +16,22 @@ import msgspec
 from ptzd.config import LogSettings
 from ptzd.control.commands import Command
 from ptzd.control.events import Event, Snapshot
-from ptzd.errors import LogError, PtzdError
+from ptzd.errors import PtzdError
 from ptzd.log import retention
 from ptzd.log.file import McapFile
 from ptzd.log.foxglove import Level, log_message
 from ptzd.log.inbox import Cut, End, Inbox, Record, Settle
+from ptzd.log.keeper import Keeper
 from ptzd.log.protobuf import CompressedImage
-from ptzd.log.recover import recover
 from ptzd.log.run import RunInfo
 from ptzd.ports import Clock
 
-CHUNK_S = 0.4
-"""A record is readable after a crash this long after it came, and the time the thread needs (promised: 0.5 s)."""
+CHUNK_S = 0.25
+"""A record outlives the process this long after it came; promised are 0.5 s, the rest is for a busy machine."""
 SYNC_S = 1.0
+"""A record outlives a power cut this long after its chunk was closed, if the disk is as quick."""
+LATE_SYNC_S = 10.0
+"""A sync that takes longer is told."""
 RETENTION_S = 60.0
 MAX_HELD = 100_000
 """Decisions kept in memory while there is no file to write to, about a quarter of an hour."""
@@ -91,11 +97,12 @@ class Scribe:
         self._inbox = inbox
         self._illustrate = illustrate
         self._directory = Path(settings.directory)
+        self._keeper = Keeper(self._directory, run.rig, clock)
         self._file: McapFile | None = None
         self._held: list[Record] = []
-        self._torn: list[Path] = []
         self._opened_s = self._flushed_s = self._synced_s = self._retained_s = 0.0
         self._room = True
+        self._low = False
         self._decisions = 0
         self._reported = (0, "")
         self.counters = Counters()
@@ -105,7 +112,12 @@ class Scribe:
         """The current file does not begin with a snapshot."""
         self.snapshots = 0
         """How many snapshots were taken from the inbox."""
-        self.ended = False
+        self._ended = False
+
+    @property
+    def ended(self) -> bool:
+        """Nothing is written any more."""
+        return self._ended or self._keeper.ended
 
     @property
     def current(self) -> Path | None:
@@ -154,6 +166,7 @@ class Scribe:
 
     def run(self) -> None:
         """Write until the inbox says that nothing more comes."""
+        self._keeper.start()
         try:
             while not isinstance(item := self._inbox.take(self._patience_s()), End):
                 if isinstance(item, Record):
@@ -165,7 +178,8 @@ class Scribe:
                 self._tend()
             self._end()
         finally:
-            self.ended = True
+            self._ended = True
+            self._keeper.end()
 
     def _patience_s(self) -> float:
         due_s = self._flushed_s + CHUNK_S if self._held and self._file else self._synced_s + SYNC_S
@@ -238,35 +252,48 @@ class Scribe:
             if self._file and self._held and now_s - self._flushed_s >= CHUNK_S:
                 self._file.flush()
                 self._kept()
+            self._hear()
             if now_s - self._synced_s >= SYNC_S:
                 self._synced_s = now_s
                 if self._file:
-                    self._file.sync()
+                    self._keeper.sync(self._file)
                 self._look_at_disk(now_s)
         except OSError as error:
             self._fail(error)
 
+    def _hear(self) -> None:
+        """Take on what the keeper found out."""
+        while self._keeper.refused:
+            file, error = self._keeper.refused.popleft()
+            if file is self._file:
+                self._fail(error)
+        while self._keeper.notes:
+            self.say(*self._keeper.notes.popleft())
+
     def _look_at_disk(self, now_s: float) -> None:
+        """Below the wanted room the oldest files go, and if that does not help until the next look, pictures."""
         free = retention.free_bytes(self._directory)
         wanted = retention.wanted_free_bytes(self._settings)
-        if free < wanted or now_s - self._retained_s >= RETENTION_S:
-            self._retain(free)
+        low = free < wanted
+        if low or now_s - self._retained_s >= RETENTION_S:
+            self._keeper.retain(self._settings, self.size)
             self._retained_s = now_s
-            free = retention.free_bytes(self._directory)
-        self._room = free >= wanted
+        self._room = not low or (self._room and not self._low)
+        self._low = low
         if self._file is None:
             self._reopen()
-        if self._room and self._file:
-            self._mend()
+        if self._room and self._file and self._keeper.torn:
+            self._keeper.mend()
         if self._file:
-            self.degraded = "" if self._room else f"no pictures are kept: {free >> 20} MiB free, {wanted >> 20} wanted"
+            self.degraded = self._complaint(free, wanted)
         self._report()
 
-    def _retain(self, free: int) -> None:
-        files = retention.closed_files(self._directory, self._run.rig)
-        now_s = self._clock.now_ns() / retention.NS
-        for stored in retention.surplus(files, self._settings, free=free, open_bytes=self.size, now_s=now_s):
-            stored.path.unlink(missing_ok=True)
+    def _complaint(self, free: int, wanted: int) -> str:
+        if not self._room:
+            return f"no pictures are kept: {free >> 20} MiB free, {wanted >> 20} wanted"
+        if self._keeper.unsynced_s > LATE_SYNC_S:
+            return f"the disk has confirmed nothing for more than {LATE_SYNC_S:g} s"
+        return ""
 
     def _report(self) -> None:
         """Tell the reader of the log what it does not hold."""
@@ -295,8 +322,8 @@ class Scribe:
         if self._file is None:
             return
         with contextlib.suppress(OSError):
-            self._file.abandon()
-        self._torn.append(self._file.active)
+            self._file.cut_back()
+        self._keeper.give_up(self._file)
         self._file = None
         kept = [record for record in self._held if not record.droppable]
         self.counters.pictures_dropped += len(self._held) - len(kept)
@@ -316,17 +343,6 @@ class Scribe:
                 self._held.extend(held[at + 1 :])
                 return
 
-    def _mend(self) -> None:
-        """Give abandoned files their summary once there is room for it."""
-        while self._torn:
-            path = self._torn.pop()
-            try:
-                report = recover(path)
-            except LogError as error:
-                self.say(Level.WARNING, str(error))
-            else:
-                self.say(Level.INFO, f"{report.path.name}: recovered: {report.note}")
-
     def _settle(self, item: Settle) -> None:
         try:
             if self._file and self._held:
@@ -334,7 +350,7 @@ class Scribe:
                 self._kept()
         except OSError as error:
             self._fail(error)
-        item.done()
+        self._keeper.call(item.done)
 
     def _cut(self) -> None:
         if self._file is None or self._decisions == 0:
@@ -342,7 +358,7 @@ class Scribe:
         try:
             self._finish(self._file)
             self.open()
-            self._retain(retention.free_bytes(self._directory))
+            self._keeper.retain(self._settings, self.size)
         except OSError as error:
             self._fail(error)
 
@@ -350,7 +366,9 @@ class Scribe:
         try:
             if self._file is None:
                 self._reopen()
-            self._mend()
+            self._keeper.mend()
+            self._keeper.wait()
+            self._hear()
             if self._file:
                 self._finish(self._file)
         except OSError as error:
@@ -360,5 +378,6 @@ class Scribe:
         """Close the last chunk first: a summary that finds no room costs no records."""
         file.flush()
         self._kept()
-        file.finish()
+        file.conclude()
+        self._keeper.seal(file)
         self._file = None

@@ -48,6 +48,8 @@ class Survey:
     counts: Counter[int] = field(default_factory=Counter)
     start_ns: int = 0
     end_ns: int = 0
+    indexed: ChunkIndex | None = None
+    """The chunk that message indexes now belong to; None behind a damaged one."""
     last: list[MessageIndex] = field(default_factory=list)
     """Message indexes of the last chunk: they may be torn, so they are written anew."""
     last_end: int = 0
@@ -169,8 +171,8 @@ def _note_metadata(file: RecordFile, frame: Frame, found: Survey) -> None:
 
 def _note_message_index(file: RecordFile, frame: Frame, found: Survey) -> None:
     """An index behind its chunk: kept where it is, except behind the last chunk, where it may be torn."""
-    if found.chunks:
-        index = found.chunks[-1]
+    index = found.indexed
+    if index is not None:
         index.message_index_offsets[file.parse(frame, MessageIndex.read).channel_id] = frame.start
         index.message_index_length += frame.end - frame.start
 
@@ -196,6 +198,7 @@ def _note_message(file: RecordFile, frame: Frame, found: Survey) -> None:
 
 
 def _note_chunk(file: RecordFile, frame: Frame, found: Survey) -> None:
+    found.indexed = None
     chunk = file.chunk(frame)
     data = chunk.data
     indexes: dict[int, MessageIndex] = {}
@@ -233,6 +236,7 @@ def _note_chunk(file: RecordFile, frame: Frame, found: Survey) -> None:
             uncompressed_size=len(data),
         )
     )
+    found.indexed = found.chunks[-1]
     found.last, found.last_end = list(indexes.values()), frame.end
 
 

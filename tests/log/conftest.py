@@ -104,7 +104,7 @@ def snapshot():
 def no_thread_stays():
     before = set(threading.enumerate())
     yield
-    left = [thread for thread in set(threading.enumerate()) - before if thread.name == "ptzd-log"]
+    left = [thread for thread in set(threading.enumerate()) - before if thread.name.startswith("ptzd-log")]
     assert not left
 
 

@@ -1,12 +1,10 @@
 """A torn file becomes a whole one with everything that was whole in it."""
 
 import fcntl
+import importlib.util
 import os
 import shutil
-import signal
-import subprocess
 import sys
-import textwrap
 import time
 from pathlib import Path
 
@@ -186,72 +184,26 @@ def test_recovery_needs_little_room(whole, tmp_path):
     assert after[:chunk_end] == before[:chunk_end]
 
 
-BUSY = textwrap.dedent(
-    """
-    import asyncio, itertools, os, sys, time
-    from ptzd.config import LogSettings
-    from ptzd.control.events import FrameArrived, Snapshot
-    from ptzd.log.run import RunInfo
-    from ptzd.log.topics import FISHEYE_IMAGE
-    from ptzd.log.writer import McapLog
-    from ptzd.model import FrameRef
-    from ptzd.ports import Picture
-
-    class Clock:
-        def now_ns(self): return time.time_ns()
-        def from_monotonic_ns(self, ns): return ns
-
-    async def main():
-        jpeg = os.urandom(60_000)
-        settings = LogSettings(directory=sys.argv[1], min_free_bytes=0, rotate_s=0.7, queue_frames=4096)
-        run = RunInfo(rig="busy", config_text="", calibration_text="")
-        async with McapLog(settings, run, Clock()) as log:
-            for sequence in itertools.count():
-                t_ns = time.time_ns()
-                if log.rotate_due():
-                    log.rotate(sequence, Snapshot(t_ns=t_ns))
-                    continue
-                frame = FrameRef(seq=sequence, t_capture_ns=t_ns)
-                log.picture(FISHEYE_IMAGE, Picture(frame=frame, t_arrival_ns=t_ns, jpeg=jpeg))
-                log.event(sequence, FrameArrived(t_ns=t_ns, frame=frame))
-                print(sequence, flush=True)
-                await asyncio.sleep(0.004)
-
-    asyncio.run(main())
-    """
-)
+@pytest.fixture(scope="module")
+def kills():
+    """The bench that kills busy writers."""
+    path = Path(__file__).parents[1] / "bench" / "kills.py"
+    spec = importlib.util.spec_from_file_location("kills", path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
 
 
-@pytest.mark.parametrize("round_", range(int(os.environ.get("PTZD_KILLS", "3"))))
-def test_kill_loses_less_than_half_a_second(tmp_path, round_):
-    directory = tmp_path / "log"
-    child = subprocess.Popen([sys.executable, "-c", BUSY, str(directory)], stdout=subprocess.PIPE, text=True)
-    told = []
-    try:
-        deadline = None
-        for line in child.stdout:
-            now = time.monotonic()
-            deadline = deadline or now + 0.6 + 0.37 * (round_ % 4) + 0.011 * round_
-            told.append((int(line), now))
-            if now > deadline:
-                break
-    finally:
-        child.send_signal(signal.SIGKILL)
-        child.wait()
-        child.stdout.close()
-    killed = told[-1][1]
-    notes = recover_directory(directory)
-    assert not [note for note in notes if "recovered" not in note and "removed" not in note]
-    kept = []
-    for path in sorted(directory.glob("*.mcap"), key=lambda path: path.name.split("-")[-1]):
-        kept += sequences(path)
-        with LogReader(path) as log:
-            for item in log.decisions():
-                if isinstance(item.event, FrameArrived):
-                    log.picture(FISHEYE_IMAGE, item.event.frame)
-    assert kept == list(range(len(kept)))
-    lost = [at for number, at in told if number >= len(kept)]
-    assert not lost or killed - lost[0] <= 0.5 + 0.1, "seconds lost, with slack for a loaded machine"
+@pytest.mark.parametrize("round_", range(int(os.environ.get("PTZD_KILLS", "4"))))
+def test_kill_loses_less_than_half_a_second(tmp_path, kills, round_):
+    """However slow the disk: what the kernel was given outlives the process."""
+    sync_s = kills.SLOW_SYNC_S if round_ % 2 else 0.0
+    found = kills.kill(tmp_path / "log", 0.4 + 0.37 * (round_ % 5) + 0.011 * round_, sync_s)
+    assert all("recovered" in note or "removed" in note for note in found.notes), found.notes
+    assert found.in_order
+    assert found.events > 0
+    assert found.lost_s - found.held_up_s <= 0.5
 
 
 @pytest.mark.bench
