@@ -44,8 +44,9 @@ golden: install
 soak: install
 	$(BIN)/python tests/log/soak.py $(or $(MINUTES),20)
 
+# Renders the ray-traced scenes that are missing or older than their sources: make scenes NAMES="yard"
 scenes: install
-	$(BIN)/python scenes/render.py room --out build/scenes/room
+	$(BIN)/python scenes/cache.py $(NAMES)
 
 deb:
 	packaging/deb.sh

@@ -1,10 +1,11 @@
 """Write a bench scene's scene.yaml: boxes of all sizes at random places, sorted into kinds by their range and texture.
 
-    python scenes/boxes.py yard --out DIR [--count 36] [--seed 1] [--sheet sheet.png]
+    python scenes/boxes.py yard --out DIR [--seed 1] [--sheet sheet.png]
 
 Nobody chooses a box by hand, so none is there because a matcher finds it. A box is kept when the PTZ camera can see the
-surface at its centre. The kind follows from the truth: how far the inverse range over the box is from one plane, how
-much of the box belongs to the surface of the centre, and how much texture there is.
+surface at its centre and its kind is still wanted. The kind follows from the truth: how far the inverse range over the
+box is from one plane, how much of the box belongs to the surface of the centre, how much texture there is, and whether
+the fisheye's picture shows the same again nearby.
 """
 
 from __future__ import annotations
@@ -23,39 +24,60 @@ from ptzd.sim.scene import Scene, load_scene
 
 LARGEST_ANGLE_DEG = 75.0
 SIDES_PX = (16, 24, 32, 40, 48, 56)
+WANTED = {
+    "planar": 6,
+    "slightly_planar": 6,
+    "non_planar": 6,
+    "occluded": 3,
+    "small": 4,
+    "weak_texture": 3,
+    "texture_free": 2,
+    "repetitive": 3,
+}
+"""Boxes of each kind; a scene that has fewer of one gets fewer."""
+DRAWS = 8000
 SKY_M = 25.0
 SKY_SHARE = 0.15
 """Of the boxes drawn on a painted sky, this share is kept: nobody points a camera there."""
+ALIKE_PX = 60
+ALIKE = 0.92
+"""Correlation, within so many pixels to any side, from which the same is there again."""
 BASELINE_SHARE = 0.02
-"""Inverse range off the plane, times the baseline, from which a box is not planar: 1.1° of parallax."""
+"""Inverse range off the plane, times the baseline, that counts as another surface: 1.1° of parallax."""
+FOREIGN_SHARE = 0.4
+SMALL_PX = 20
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scene")
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--count", type=int, default=36)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--sheet", type=Path)
     args = parser.parse_args()
-    rig = yaml.safe_load((HERE / args.scene / "rig.yaml").read_text())
-    write(args.out / "scene.yaml", document(rig, [], []))
-    scene = load_scene(args.out)
-    regions = draw(scene, args.count, np.random.default_rng(args.seed))
-    write(args.out / "scene.yaml", document(rig, [], regions))
-    print({kind: sum(r["kind"] == kind for r in regions) for kind in sorted({r["kind"] for r in regions})})
+    print(place_drawn(args.scene, args.out, args.seed))
     if args.sheet:
         cv2.imwrite(str(args.sheet), sheet(load_scene(args.out)))
 
 
-def draw(scene: Scene, count: int, rng: np.random.Generator) -> list[dict]:
-    """Draw boxes until enough can be seen from both cameras and none overlaps another by much."""
+def place_drawn(name: str, out: Path, seed: int = 1) -> dict[str, int]:
+    """Write scene.yaml beside the rendered faces in `out`; return how many boxes of each kind there are."""
+    rig = yaml.safe_load((HERE / name / "rig.yaml").read_text())
+    write(out / "scene.yaml", document(rig, [], []))
+    regions = draw(load_scene(out), np.random.default_rng(seed))
+    write(out / "scene.yaml", document(rig, [], regions))
+    return {kind: sum(region["kind"] == kind for region in regions) for kind in WANTED}
+
+
+def draw(scene: Scene, rng: np.random.Generator) -> list[dict]:
+    """Draw boxes that both cameras see, none overlapping another by much, until there are enough of every kind."""
     width, height = scene.camera.size_px
     rays, valid = grid(fisheye())
     picture = cv2.cvtColor(scene.sample_fisheye(rays, valid), cv2.COLOR_BGR2GRAY)
     taken = np.zeros((height, width), bool)
     regions: list[dict] = []
-    while len(regions) < count:
+    missing = dict(WANTED)
+    for _ in range(DRAWS):
         w, h = (int(rng.choice(SIDES_PX) * rng.uniform(0.85, 1.15)) for _ in range(2))
         h = int(np.clip(h, w / 1.7, w * 1.7))
         x, y = int(rng.integers(0, width - w)), int(rng.integers(0, height - h))
@@ -67,32 +89,46 @@ def draw(scene: Scene, count: int, rng: np.random.Generator) -> list[dict]:
             continue
         if scene.truth(centre).range_m > SKY_M and rng.random() > SKY_SHARE:
             continue
+        kind = kind_of(scene, rays[area].reshape(-1, 3), picture, area, centre)
+        if not missing[kind]:
+            continue
         taken[area] = True
-        kind = kind_of(scene, rays[area].reshape(-1, 3), picture[area], centre, min(w, h))
+        missing[kind] -= 1
         regions.append({"name": f"{kind}_{len(regions)}", "x": x, "y": y, "w": w, "h": h, "kind": kind})
     return regions
 
 
-def kind_of(scene: Scene, rays: np.ndarray, grey: np.ndarray, centre: np.ndarray, side: int) -> str:
-    """Texture first, then size, then shape."""
-    spread = float(cv2.GaussianBlur(grey.astype(np.float32), (0, 0), 1.0).std())
-    if spread < 1.0:
-        return "texture_free"
-    if spread < 7.0:
-        return "weak_texture"
+def kind_of(scene: Scene, rays: np.ndarray, picture: np.ndarray, area: tuple[slice, slice], centre: np.ndarray) -> str:
+    """Texture first, then whose surface it is, size, uniqueness and shape."""
+    spread = float(cv2.GaussianBlur(picture[area].astype(np.float32), (0, 0), 1.0).std())
     baseline = float(np.linalg.norm(scene.head_from_fisheye_translation_m))
     inverse_range = scene.fisheye_depth.inverse_range(rays) * baseline
     at_centre = float(scene.fisheye_depth.inverse_range(centre[None])[0]) * baseline
     plane, *_ = np.linalg.lstsq(rays, inverse_range, rcond=None)
-    off = np.abs(rays @ plane - inverse_range)
-    foreign = float((np.abs(inverse_range - at_centre) > 2 * BASELINE_SHARE).mean())
-    if foreign > 0.5:
-        return "occluded"
-    if side < 20:
-        return "small"
-    if np.quantile(off, 0.9) < 0.1 * BASELINE_SHARE:
-        return "planar"
-    return "slightly_planar" if np.quantile(off, 0.9) < 0.5 * BASELINE_SHARE else "non_planar"
+    off = float(np.quantile(np.abs(rays @ plane - inverse_range), 0.9)) / BASELINE_SHARE
+    kinds = {
+        "texture_free": spread < 1.0,
+        "weak_texture": spread < 7.0,
+        "occluded": (np.abs(inverse_range - at_centre) > BASELINE_SHARE).mean() > FOREIGN_SHARE,
+        "small": min(picture[area].shape) < SMALL_PX,
+        "repetitive": again_nearby(picture, area) > ALIKE,
+        "planar": off < 0.1,
+        "slightly_planar": off < 0.5,
+        "non_planar": True,
+    }
+    return next(kind for kind, applies in kinds.items() if applies)
+
+
+def again_nearby(picture: np.ndarray, area: tuple[slice, slice]) -> float:
+    """Best correlation with the surroundings, a third of the box or more away."""
+    rows, columns = area
+    top, left = max(rows.start - ALIKE_PX, 0), max(columns.start - ALIKE_PX, 0)
+    around = picture[top : rows.stop + ALIKE_PX, left : columns.stop + ALIKE_PX]
+    response = cv2.matchTemplate(around, picture[area], cv2.TM_CCOEFF_NORMED)
+    y, x = rows.start - top, columns.start - left
+    high, wide = (max(side // 3, 6) for side in picture[area].shape)
+    response[max(y - high, 0) : y + high + 1, max(x - wide, 0) : x + wide + 1] = -1.0
+    return float(response.max())
 
 
 if __name__ == "__main__":

@@ -30,13 +30,20 @@ def main() -> None:
     args = parser.parse_args()
     rig = yaml.safe_load((HERE / args.room / "rig.yaml").read_text())
     listed = yaml.safe_load((HERE / args.room / "regions.yaml").read_text())
-    regions = [place(thing, rig) for thing in listed["regions"]]
-    demo = [region for name in listed["demo"] for region in regions if region["name"] == name]
-    write(args.out / "scene.yaml", document(rig, demo, regions))
+    place_listed(args.room, args.out)
     scene = load_scene(args.out)
     report(scene, {thing["name"]: np.array(thing["at"]) for thing in listed["regions"]}, rig)
     if args.sheet:
         cv2.imwrite(str(args.sheet), sheet(scene))
+
+
+def place_listed(name: str, out: Path) -> None:
+    """Write scene.yaml beside the rendered faces in `out`."""
+    rig = yaml.safe_load((HERE / name / "rig.yaml").read_text())
+    listed = yaml.safe_load((HERE / name / "regions.yaml").read_text())
+    regions = [place(thing, rig) for thing in listed["regions"]]
+    demo = [region for name in listed["demo"] for region in regions if region["name"] == name]
+    write(out / "scene.yaml", document(rig, demo, regions))
 
 
 def place(thing: dict, rig: dict) -> dict:
@@ -58,7 +65,7 @@ def document(rig: dict, demo: list[dict], regions: list[dict]) -> dict:
         return pattern | {"depth_step": INVERSE_DEPTH_STEP}
 
     return {
-        "title": "A workshop, ray-traced",
+        "title": rig["title"],
         "kind": "cube",
         "licence": "Apache-2.0",
         "credit": CREDIT,

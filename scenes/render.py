@@ -57,22 +57,26 @@ def main() -> int:
     parser.add_argument("--scale", type=float, default=1.0, help="of the face sizes, for a quick look")
     parser.add_argument("--jobs", type=int, default=1, help="POV-Ray processes at once; each uses every core")
     args = parser.parse_args()
-    source = HERE / args.room
+    render_scene(args.room, args.out, args.work or args.out.parent / ".render", scale=args.scale, jobs=args.jobs)
+    return 0
+
+
+def render_scene(name: str, out: Path, work: Path, *, scale: float = 1.0, jobs: int = 1) -> None:
+    """Render every face that is not in the work folder yet and write all of them as the scene stores them."""
+    source = HERE / name
     rig = yaml.safe_load((source / "rig.yaml").read_text())
-    work = args.work or args.out.parent / ".render"
-    work.mkdir(parents=True, exist_ok=True)
-    args.out.mkdir(parents=True, exist_ok=True)
-    with ThreadPoolExecutor(args.jobs) as pool:
-        jobs = [
-            pool.submit(make_face, source, view, face, work, args.out, args.scale, depth_px)
-            for depth_px in (int(rig["depth_face_px"] * args.scale), 0)
+    for folder in (work, out):
+        folder.mkdir(parents=True, exist_ok=True)
+    with ThreadPoolExecutor(jobs) as pool:
+        faces = [
+            pool.submit(make_face, source, view, face, work, out, scale, depth_px)
+            for depth_px in (int(rig["depth_face_px"] * scale), 0)
             for view in viewpoints(rig)
             for face in FACES
         ]
-        for job in jobs:
-            sys.stdout.write(job.result() + "\n")
+        for made in faces:
+            sys.stdout.write(made.result() + "\n")
             sys.stdout.flush()
-    return 0
 
 
 def viewpoints(rig: dict) -> tuple[Viewpoint, Viewpoint]:
