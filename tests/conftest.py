@@ -3,13 +3,19 @@ from __future__ import annotations
 import asyncio
 import logging
 import threading
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import ExitStack
 
 import pytest
 import pytest_asyncio
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
-settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True)
+from ptzd.app.loopback import reserved_port
+
+settings.register_profile(
+    "ci", deadline=None, derandomize=True, print_blob=True, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.register_profile("explore", settings.get_profile("ci"), derandomize=False, max_examples=2000)
 settings.load_profile("ci")
 
 
@@ -43,3 +49,16 @@ async def no_leaked_tasks(request: pytest.FixtureRequest) -> AsyncIterator[None]
     for task in left:
         task.cancel()
     assert not left, f"tasks were left behind: {[task.get_name() for task in left]}"
+
+
+@pytest.fixture
+def new_port() -> Iterator[Callable[[], int]]:
+    """Ports of the loopback interface; until the test ends nobody gets them by chance and nobody listens unasked."""
+    with ExitStack() as held:
+        yield lambda: held.enter_context(reserved_port())
+
+
+@pytest.fixture
+def endpoint(new_port: Callable[[], int]) -> str:
+    """Where a daemon of this test can listen."""
+    return f"tcp/127.0.0.1:{new_port()}"

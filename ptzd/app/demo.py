@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import math
-import socket
 import sys
 import time
 from collections.abc import AsyncIterator, Callable
@@ -16,6 +15,7 @@ from pathlib import Path
 import aiohttp
 import numpy as np
 
+from ptzd.app.loopback import reserved_port
 from ptzd.app.sheet import write_sheet
 from ptzd.bus.client import Client
 from ptzd.bus.messages import Feedback, RoiResult
@@ -76,15 +76,16 @@ async def run_demo(scene: str, out: Path, say: Callable[[str], None], *, boxes: 
         How many of the scene's boxes are asked for, one after the other.
     """
     wanted = load_scene(scene).demo_boxes[:boxes]
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    async with simulator(scene, out, endpoint) as ready:
-        say(f"simulated AXIS camera at {ready['ptz_url']}, fisheye at {ready['fisheye_url']}")
-        async with daemon(out / "ptzd.yaml"), Client.open(endpoint, rig="demo") as client:
-            say(f"daemon serves rig demo at {endpoint}")
-            shots = [
-                await shoot(client, str(ready["truth_url"]), item.name, (item.x, item.y, item.w, item.h), say)
-                for item in wanted
-            ]
+    with reserved_port() as port:
+        endpoint = f"tcp/127.0.0.1:{port}"
+        async with simulator(scene, out, endpoint) as ready:
+            say(f"simulated AXIS camera at {ready['ptz_url']}, fisheye at {ready['fisheye_url']}")
+            async with daemon(out / "ptzd.yaml"), Client.open(endpoint, rig="demo") as client:
+                say(f"daemon serves rig demo at {endpoint}")
+                shots = [
+                    await shoot(client, str(ready["truth_url"]), item.name, (item.x, item.y, item.w, item.h), say)
+                    for item in wanted
+                ]
     log, sheet = _newest_log(out), out / "sheet.png"
     await asyncio.to_thread(write_sheet, log, sheet)
     return Report(shots=tuple(shots), log=log, sheet=sheet)
@@ -140,13 +141,6 @@ async def _error_deg(truth_url: str, box: tuple[float, float, float, float], res
     true = bearing(np.radians(truth["pan_deg"]), np.radians(truth["tilt_deg"]))
     found = bearing(math.radians(result.pan_deg), math.radians(result.tilt_deg))
     return math.degrees(float(angle_between(true, found)))
-
-
-def free_port() -> int:
-    """A TCP port of the loopback interface that nobody uses now."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @asynccontextmanager

@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 
 from ptzd.app import demo
+from ptzd.app.loopback import reserved_port
 from ptzd.bus.client import Client
 from ptzd.calibration.file import read_rig
 from ptzd.control import commands as cmd
@@ -48,22 +49,23 @@ def resident_mb(pid: int) -> float:
 async def rig_figures(scene: str, out: Path) -> dict[str, float]:
     """Run the demo's parts with a stopwatch on the daemon's process."""
     boxes = load_scene(scene).demo_boxes
-    endpoint = f"tcp/127.0.0.1:{demo.free_port()}"
-    async with (
-        demo.simulator(scene, out, endpoint) as ready,
-        demo.daemon(out / "ptzd.yaml") as process,
-        Client.open(endpoint, rig="demo") as client,
-    ):
-        idle = await share(process.pid, asyncio.sleep(IDLE_S))
-        shots: list[demo.Shot] = []
+    with reserved_port() as port:
+        endpoint = f"tcp/127.0.0.1:{port}"
+        async with (
+            demo.simulator(scene, out, endpoint) as ready,
+            demo.daemon(out / "ptzd.yaml") as process,
+            Client.open(endpoint, rig="demo") as client,
+        ):
+            idle = await share(process.pid, asyncio.sleep(IDLE_S))
+            shots: list[demo.Shot] = []
 
-        async def scan() -> None:
-            for item in boxes:
-                box = (item.x, item.y, item.w, item.h)
-                shots.append(await demo.shoot(client, str(ready["truth_url"]), item.name, box, lambda line: None))
+            async def scan() -> None:
+                for item in boxes:
+                    box = (item.x, item.y, item.w, item.h)
+                    shots.append(await demo.shoot(client, str(ready["truth_url"]), item.name, box, lambda line: None))
 
-        busy = await share(process.pid, scan())
-        memory = resident_mb(process.pid)
+            busy = await share(process.pid, scan())
+            memory = resident_mb(process.pid)
     errors = [shot.error_deg for shot in shots if shot.error_deg is not None]
     return {
         "cpu_idle_percent": 100 * idle,

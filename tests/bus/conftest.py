@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import socket
 import threading
 import time
 from collections.abc import AsyncIterator, Iterator
@@ -76,23 +75,12 @@ def result_of(request_id: str, outcome: Outcome = Outcome.LOCKED, reason: str = 
     )  # fmt: skip
 
 
-def free_port() -> int:
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
-        return int(listener.getsockname()[1])
-
-
 @pytest.fixture(autouse=True)
 def _no_thread_is_left() -> Iterator[None]:
     before = set(threading.enumerate())
     yield
     left = [t for t in threading.enumerate() if t not in before and not t.name.startswith("asyncio_")]
     assert left == []
-
-
-@pytest.fixture
-def new_port():
-    return free_port
 
 
 @pytest.fixture
@@ -103,11 +91,6 @@ def clock() -> SteadyClock:
 @pytest.fixture
 def result():
     return result_of
-
-
-@pytest.fixture
-def endpoint() -> str:
-    return f"tcp/127.0.0.1:{free_port()}"
 
 
 @pytest.fixture

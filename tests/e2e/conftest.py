@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
-import socket
 import sys
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import AsyncExitStack
@@ -238,12 +237,6 @@ class Site:
         }
 
 
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 @pytest.fixture(scope="session")
 def hall() -> Scene:
     return load_scene("pair_hall")
@@ -253,11 +246,6 @@ def hall() -> Scene:
 def fisheye_pixels(hall: Scene) -> Pixels:
     """The scene as the fisheye draws it: the same for every rig of the session."""
     return fisheye_picture(hall, fisheye_camera(hall.camera, None))
-
-
-@pytest.fixture
-def endpoint() -> str:
-    return f"tcp/127.0.0.1:{free_port()}"
 
 
 @pytest.fixture

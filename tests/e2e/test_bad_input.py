@@ -18,7 +18,13 @@ CALIBRATION = (Path(__file__).parents[2] / "config" / "rig.example.yaml").read_t
 
 
 @pytest.fixture
-def folder(tmp_path: Path, endpoint: str) -> Path:
+def nobody(new_port: Callable[[], int]) -> str:
+    """URL of a camera that nobody has heard of."""
+    return f"http://127.0.0.1:{new_port()}"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, endpoint: str, nobody: str) -> Path:
     """Settings of a daemon whose cameras nobody has heard of."""
     (tmp_path / "rig.yaml").write_text(CALIBRATION)
     (tmp_path / "password").write_text("swordfish\n")
@@ -27,8 +33,8 @@ def folder(tmp_path: Path, endpoint: str) -> Path:
             {
                 "rig": "test",
                 "calibration": "rig.yaml",
-                "fisheye": {"source": "http", "url": "http://127.0.0.1:9/fisheye.mjpg"},
-                "ptz": {"url": "http://127.0.0.1:9", "user": "operator", "password_file": "password"},
+                "fisheye": {"source": "http", "url": f"{nobody}/fisheye.mjpg"},
+                "ptz": {"url": nobody, "user": "operator", "password_file": "password"},
                 "bus": {"listen": [endpoint]},
                 "log": {"directory": "log", "min_free_bytes": 0},
             }
@@ -172,9 +178,9 @@ def test_a_log_directory_that_cannot_be_made(folder: Path, change, capsys) -> No
     assert "log.directory" in complaint(capsys)
 
 
-def test_check_says_that_a_camera_does_not_answer(folder: Path, capsys) -> None:
+def test_check_says_that_a_camera_does_not_answer(folder: Path, nobody: str, capsys) -> None:
     assert entry(["check", "--config", str(folder / "ptzd.yaml"), "--connect"]) == 69
-    assert "http://127.0.0.1:9" in complaint(capsys, after="settings")
+    assert nobody in complaint(capsys, after="settings")
 
 
 async def test_a_wrong_password_is_said_once_and_not_tried_again(make_site, monkeypatch, caplog) -> None:

@@ -25,8 +25,8 @@ import cv2
 import yaml
 
 from ptzd.app.daemon import serve
-from ptzd.app.demo import free_port
 from ptzd.app.loading import load
+from ptzd.app.loopback import reserved_port
 from ptzd.app.replaying import replay
 from ptzd.app.simulate import DEFAULT_PASSWORD, RIG, write_config
 from ptzd.bus.client import Client
@@ -129,24 +129,26 @@ STORIES: dict[str, Story] = {
 @asynccontextmanager
 async def running(folder: Path) -> AsyncIterator[Site]:
     """Rig and daemon in this process; the log is closed when it is left."""
-    endpoint, stop, ready = f"tcp/127.0.0.1:{free_port()}", asyncio.Event(), asyncio.Event()
-    async with SimRig(SIM) as rig:
-        path = write_config(rig, folder, bus=endpoint, password=DEFAULT_PASSWORD)
-        document = yaml.safe_load(path.read_text())
-        for name, values in CHANGES.items():
-            document[name] = {**document.get(name, {}), **values}
-        path.write_text(yaml.safe_dump(document))
-        loaded = load(path)
-        anonymous = dataclasses.replace(loaded, config_text=loaded.config_text.replace(f"{folder}/", ""))
-        serving = asyncio.create_task(serve(anonymous, stop, ready=ready.set))
-        try:
-            async with asyncio.timeout(PATIENCE_S):
-                await ready.wait()
-            async with Client.open(endpoint, rig=RIG) as client:
-                yield Site(rig=rig, client=client)
-        finally:
-            stop.set()
-            await serving
+    stop, ready = asyncio.Event(), asyncio.Event()
+    with reserved_port() as port:
+        endpoint = f"tcp/127.0.0.1:{port}"
+        async with SimRig(SIM) as rig:
+            path = write_config(rig, folder, bus=endpoint, password=DEFAULT_PASSWORD)
+            document = yaml.safe_load(path.read_text())
+            for name, values in CHANGES.items():
+                document[name] = {**document.get(name, {}), **values}
+            path.write_text(yaml.safe_dump(document))
+            loaded = load(path)
+            anonymous = dataclasses.replace(loaded, config_text=loaded.config_text.replace(f"{folder}/", ""))
+            serving = asyncio.create_task(serve(anonymous, stop, ready=ready.set))
+            try:
+                async with asyncio.timeout(PATIENCE_S):
+                    await ready.wait()
+                async with Client.open(endpoint, rig=RIG) as client:
+                    yield Site(rig=rig, client=client)
+            finally:
+                stop.set()
+                await serving
 
 
 async def record(story: Story) -> bytes:
