@@ -6,6 +6,7 @@ The text of ``config/ptzd.yaml`` documents every key; a test holds the two toget
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Annotated, Literal
 
 import msgspec
@@ -197,6 +198,47 @@ class Config(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     queue: Queue = Queue()
     bus: BusSettings = BusSettings()
     log: LogSettings = LogSettings()
+
+
+WHILE_RUNNING = (
+    "search",
+    "lock",
+    "home",
+    "queue.size",
+    "queue.timeout_s",
+    "log.fisheye_every_n",
+    "log.rotate_bytes",
+    "log.rotate_s",
+    "log.keep_bytes",
+    "log.keep_days",
+    "log.min_free_bytes",
+)
+"""What a running daemon takes over when it reads its settings again: whole parts, or single keys of a part."""
+CORE_PARTS = ("search", "lock", "home", "queue")
+"""Parts that decisions depend on and that may change while they are taken."""
+
+
+def core_parts(config: Config) -> dict[str, object]:
+    """The parts of :data:`CORE_PARTS` as plain values."""
+    return {name: msgspec.to_builtins(getattr(config, name)) for name in CORE_PARTS}
+
+
+def with_parts(config: Config, parts: Mapping[str, object]) -> Config:
+    """Reverse of :func:`core_parts`: these settings with other parts.
+
+    Raises
+    ------
+    ConfigError
+        A part that is none of :data:`CORE_PARTS`, or that does not hold what it must.
+    """
+    strangers = sorted(parts.keys() - set(CORE_PARTS))
+    if strangers:
+        raise ConfigError(f"{', '.join(strangers)}: cannot change while the daemon runs; restart it")
+    try:
+        taken = {name: msgspec.convert(value, type(getattr(config, name))) for name, value in parts.items()}
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"{', '.join(parts)}: {error}") from None
+    return msgspec.structs.replace(config, **taken)
 
 
 def parse_config(document: object, name: str) -> Config:

@@ -8,6 +8,7 @@ import signal
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import cv2
@@ -16,6 +17,7 @@ import yaml
 
 from ptzd.app.fingerprint import fingerprint, versions
 from ptzd.app.loading import Loaded
+from ptzd.app.reloading import Reloader
 from ptzd.bus.answers import LogHandler
 from ptzd.bus.messages import LogReference
 from ptzd.bus.server import ZenohBus
@@ -50,7 +52,7 @@ class _Parts:
 
 
 async def run(loaded: Loaded, *, ready: Callable[[], None] = lambda: None) -> None:
-    """Serve until SIGTERM or SIGINT.
+    """Serve until SIGTERM or SIGINT; SIGHUP reads the settings again.
 
     Parameters
     ----------
@@ -60,19 +62,28 @@ async def run(loaded: Loaded, *, ready: Callable[[], None] = lambda: None) -> No
         Called once, when requests can be served.
     """
     cv2.setNumThreads(OPENCV_THREADS)
-    stop = asyncio.Event()
+    stop, again = asyncio.Event(), asyncio.Event()
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(number, stop.set)
+    wanted = {signal.SIGTERM: stop, signal.SIGINT: stop, signal.SIGHUP: again}
+    for number, event in wanted.items():
+        loop.add_signal_handler(number, event.set)
     try:
-        await serve(loaded, stop, ready=ready)
+        await serve(loaded, stop, again=again, ready=ready)
     finally:
-        for number in (signal.SIGTERM, signal.SIGINT):
+        for number in wanted:
             loop.remove_signal_handler(number)
 
 
-async def serve(loaded: Loaded, stop: asyncio.Event, *, ready: Callable[[], None] = lambda: None) -> None:
+async def serve(
+    loaded: Loaded,
+    stop: asyncio.Event,
+    *,
+    again: asyncio.Event | None = None,
+    ready: Callable[[], None] = lambda: None,
+) -> None:
     """Serve until ``stop`` is set: open the world, run the daemon in it, close it in reverse order.
+
+    Whenever ``again`` is set the settings are read again.
 
     Raises
     ------
@@ -80,18 +91,10 @@ async def serve(loaded: Loaded, stop: asyncio.Event, *, ready: Callable[[], None
         When the bus, a camera's settings or the log cannot be opened.
     """
     config, clock, parts = loaded.config, SteadyClock(), _Parts()
-    run_info = RunInfo(
-        rig=config.rig,
-        config_text=loaded.config_text,
-        calibration_text=loaded.calibration_text,
-        seed=config.search.seed,
-        versions=versions(),
-        fingerprint=fingerprint(),
-    )
     async with AsyncExitStack() as stack:
         notifier = stack.enter_context(Notifier(os.environ))
         illustrate = Illustrator(loaded.rig).documents
-        log = await stack.enter_async_context(McapLog(config.log, run_info, clock, illustrate=illustrate))
+        log = await stack.enter_async_context(McapLog(config.log, _run_info(loaded), clock, illustrate=illustrate))
         bus = await stack.enter_async_context(
             ZenohBus(
                 config.bus,
@@ -123,12 +126,31 @@ async def serve(loaded: Loaded, stop: asyncio.Event, *, ready: Callable[[], None
         machine = parts.daemon.pump.machine
         watch = Watchdog(notifier, _vitals(parts.daemon, log), lambda: str(machine.state))
         watchdog = asyncio.create_task(watch.run(), name="watchdog")
+        adopt = partial(_adopt, log, parts.daemon)
+        reloader = Reloader(loaded, again or asyncio.Event(), adopt, notifier)
         try:
-            await parts.daemon.run(stop)
+            await parts.daemon.run(stop, reloader.run)
         finally:
             notifier.stopping("stopping")
             watchdog.cancel()
             await asyncio.gather(watchdog, return_exceptions=True)
+
+
+def _run_info(loaded: Loaded) -> RunInfo:
+    return RunInfo(
+        rig=loaded.config.rig,
+        config_text=loaded.config_text,
+        calibration_text=loaded.calibration_text,
+        seed=loaded.config.search.seed,
+        versions=versions(),
+        fingerprint=fingerprint(),
+    )
+
+
+def _adopt(log: McapLog, daemon: Daemon, loaded: Loaded) -> None:
+    """The log first: the core's change ends its file, and the next one says at its head what holds in it."""
+    log.adopt(loaded.config.log, _run_info(loaded))
+    daemon.adopt(loaded.config)
 
 
 @asynccontextmanager

@@ -87,7 +87,7 @@ def write_files(program: Path, root: Path = Path("/")) -> tuple[Path, ...]:
         text = (source / name).read_text()
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text.replace(f"ExecStart={PACKAGED_PROGRAM} ", f"ExecStart={program} "))
+            path.write_text(text.replace(f"={PACKAGED_PROGRAM} ", f"={program} "))
         except OSError as error:
             raise PtzdError(f"{path}: {error.strerror}; run this as root") from None
         written.append(path)

@@ -207,6 +207,14 @@ class DeadlinePassed(Event):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SettingsChanged(Event):
+    """The settings were read again; decisions from here on follow these, what was accepted stays as it is."""
+
+    parts: dict[str, object] = field(default_factory=dict)
+    """By name the parts of the settings that the core may be given while it runs, each complete: plain values."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ShutdownRequested(Event):
     """The daemon is to end: every request gets its result, the head stops."""
 

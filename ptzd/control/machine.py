@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 
-from ptzd.config import Config
+from ptzd.config import Config, with_parts
 from ptzd.control import commands as cmd
 from ptzd.control import deadlines, lock, search
 from ptzd.control import events as ev
@@ -66,6 +66,7 @@ class Machine:
             ev.MatchFinished: self._on_match,
             ev.MatchFailed: self._on_match_failed,
             ev.DeadlinePassed: self._on_deadline,
+            ev.SettingsChanged: self._on_settings,
             ev.ShutdownRequested: self._on_shutdown,
         }
 
@@ -83,6 +84,11 @@ class Machine:
     def state(self) -> State:
         """Where the daemon is."""
         return self._memory.state
+
+    @property
+    def config(self) -> Config:
+        """The settings in force; with a snapshot of the same moment they make a core that goes on."""
+        return self._work.config
 
     def deadline_ns(self) -> int | None:
         """When a DeadlinePassed event is wanted; None when nothing can time out."""
@@ -230,6 +236,9 @@ class Machine:
     def _on_shutdown(self, event: ev.ShutdownRequested) -> None:
         self._work.abandon()
         self._operator.shut_down(event.reason)
+
+    def _on_settings(self, event: ev.SettingsChanged) -> None:
+        self._work.config = with_parts(self._work.config, event.parts)
 
     # devices
 

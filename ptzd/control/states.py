@@ -70,6 +70,7 @@ def _table() -> Table:
         ev.GrabFailed,
         ev.MatchFinished,
         ev.MatchFailed,
+        ev.SettingsChanged,
     )
     for state in LIVING:
         table[state, ev.ShutdownRequested] = frozenset({State.STOPPED})

@@ -11,8 +11,8 @@ from ptzd.errors import GeometryError
 from ptzd.geometry.rig import Rig
 from ptzd.model import Box, FrameRef, HeadReading, ViewRef
 
-GRAB_GUARD_NS = 12_000_000_000
-"""A picture at rest that takes longer (streams reconnect within 5 s, rest within 2 s) will not come."""
+GRAB_GUARD_NS = 7_000_000_000
+"""On top of the silence after which the stream counts as lost: to connect anew (5 s) and to prove rest (2 s)."""
 MATCH_GUARD_NS = 30_000_000_000
 """A match takes milliseconds; a worker silent for this long is stuck."""
 MOVE_GUARD_NS = 5_000_000_000
@@ -64,7 +64,8 @@ class Work:
     def grab(self, not_before_ns: int) -> None:
         """Ask for a picture taken at rest at or after this time; after a move, rest before it never counts."""
         number = self._new_id()
-        self.memory.head = HeadWork(kind=Awaited.GRAB, id=number, until_ns=self.t_ns + GRAB_GUARD_NS)
+        until = self.t_ns + seconds(self.config.ptz.stall_s) + GRAB_GUARD_NS
+        self.memory.head = HeadWork(kind=Awaited.GRAB, id=number, until_ns=until)
         self.out.append(cmd.GrabView(grab_id=number, not_before_ns=not_before_ns))
 
     def match(

@@ -7,9 +7,11 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from ptzd.config import LogSettings
 from ptzd.control.commands import Command
 from ptzd.control.events import Event
 from ptzd.log.protobuf import CompressedImage, encode_image
+from ptzd.log.run import RunInfo
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,6 +39,14 @@ class Cut:
 
 
 @dataclass(frozen=True, slots=True)
+class Adopt:
+    """Files that begin from here on are written with these settings, and say so at their head."""
+
+    settings: LogSettings
+    run: RunInfo
+
+
+@dataclass(frozen=True, slots=True)
 class Settle:
     """Calls back, in the writer's thread, when all before it is in a closed chunk or file."""
 
@@ -48,7 +58,7 @@ class End:
     """Nothing comes behind it."""
 
 
-Item = Record | Cut | Settle | End
+Item = Record | Cut | Adopt | Settle | End
 
 
 class Inbox:

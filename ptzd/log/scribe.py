@@ -20,7 +20,7 @@ from ptzd.errors import PtzdError
 from ptzd.log import retention
 from ptzd.log.file import McapFile
 from ptzd.log.foxglove import Level, log_message
-from ptzd.log.inbox import Cut, End, Inbox, Record, Settle
+from ptzd.log.inbox import Adopt, Cut, End, Inbox, Record, Settle
 from ptzd.log.keeper import Keeper
 from ptzd.log.protobuf import CompressedImage
 from ptzd.log.run import RunInfo
@@ -173,6 +173,8 @@ class Scribe:
                     self._take(item)
                 elif isinstance(item, Cut):
                     self._cut()
+                elif isinstance(item, Adopt):
+                    self._settings, self._run = item.settings, item.run
                 elif isinstance(item, Settle):
                     self._settle(item)
                 self._tend()

@@ -19,7 +19,7 @@ from ptzd.errors import LogError
 from ptzd.log import retention
 from ptzd.log.codec import encode
 from ptzd.log.foxglove import Level
-from ptzd.log.inbox import Cut, End, Inbox, Item, Record, Settle
+from ptzd.log.inbox import Adopt, Cut, End, Inbox, Item, Record, Settle
 from ptzd.log.late import RecentPictures
 from ptzd.log.protobuf import NS, CompressedImage
 from ptzd.log.recover import recover_directory
@@ -228,6 +228,17 @@ class McapLog:
         self.event(sequence, snapshot)
         for topic, picture in self._pictures.begin_file():
             self._put_picture(topic, picture, droppable=False)
+
+    def adopt(self, settings: LogSettings, run: RunInfo) -> None:
+        """Take over other settings, but for directory and queue; what ``run`` says stands in files that begin later.
+
+        Raises
+        ------
+        LogError
+            The writer has ended.
+        """
+        self._settings = settings
+        self._put(Adopt(settings, run))
 
     async def settled(self) -> None:
         """Wait until everything told so far is readable in a file, cuts included.

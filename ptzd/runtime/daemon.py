@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from typing import Any
 
-from ptzd.config import Config
+from ptzd.config import Config, core_parts
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
 from ptzd.control.machine import RING_FRAMES, Machine
@@ -93,10 +93,18 @@ class Daemon:
             log=log,
         )
 
-    async def run(self, stop: asyncio.Event) -> None:
-        """Serve until ``stop`` is set; then every request gets its result and the head stops."""
+    async def run(self, stop: asyncio.Event, *beside: Callable[[], Coroutine[Any, Any, None]]) -> None:
+        """Serve until ``stop`` is set; then every request gets its result and the head stops.
+
+        Parameters
+        ----------
+        stop : asyncio.Event
+        beside : callables
+            Run as long as the daemon does; what they raise ends it.
+        """
         self.pump.cut_log()
         tasks = [
+            *(asyncio.create_task(work()) for work in beside),
             asyncio.create_task(self.fisheye_watch.run(), name="fisheye"),
             asyncio.create_task(self.head_watch.run(), name="head"),
             asyncio.create_task(self._listen(), name="bus"),
@@ -122,6 +130,10 @@ class Daemon:
             await asyncio.gather(*tasks, return_exceptions=True)
             await self._hands.close()
             await self.overlays.close()
+
+    def adopt(self, config: Config) -> None:
+        """Let the core go on with the parts of these settings that may change; a new log file begins with them."""
+        self.pump.tell(lambda t_ns: ev.SettingsChanged(t_ns=t_ns, parts=core_parts(config)))
 
     async def _listen(self) -> None:
         async for event in self._bus.events():

@@ -38,6 +38,7 @@ class Notifier:
         self._watchdog_s = _watchdog_s(environ)
         self._socket: socket.socket | None = None
         self._status = ""
+        self._is_ready = False
 
     def __enter__(self) -> Self:
         if self._address:
@@ -58,8 +59,8 @@ class Notifier:
         return None if self._watchdog_s is None else self._watchdog_s / PINGS_PER_PERIOD
 
     def ready(self, status: str) -> None:
-        """Requests can be served (also: again, after :meth:`reloading`)."""
-        self._status = status
+        """Requests can be served."""
+        self._status, self._is_ready = status, True
         self._send(READY="1", STATUS=status)
 
     def status(self, text: str) -> None:
@@ -73,8 +74,14 @@ class Notifier:
         self._send(WATCHDOG="1")
 
     def reloading(self) -> None:
-        """Settings are being read again; :meth:`ready` ends it."""
-        self._send(RELOADING="1", MONOTONIC_USEC=str(time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000))
+        """Settings are being read again; :meth:`reloaded` ends it. Before :meth:`ready` nobody waits for that."""
+        if self._is_ready:
+            self._send(RELOADING="1", MONOTONIC_USEC=str(time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000))
+
+    def reloaded(self, status: str) -> None:
+        """The settings were read again, with this outcome."""
+        if self._is_ready:
+            self.ready(status)
 
     def stopping(self, status: str) -> None:
         """The daemon is on its way out."""

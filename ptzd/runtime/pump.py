@@ -85,7 +85,7 @@ class Pump:
             self._perform(command)
         for observer in self._observers:
             observer(self._sequence, event, commands)
-        if self._log.rotate_due():
+        if self._log.rotate_due() or isinstance(event, ev.SettingsChanged):
             self.cut_log()
 
     def _perform(self, command: cmd.Command) -> None:

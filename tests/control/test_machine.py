@@ -2,12 +2,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import msgspec
 import pytest
 
+from ptzd.config import core_parts
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
 from ptzd.control.machine import Machine
 from ptzd.control.states import State
+from ptzd.errors import ConfigError
 from ptzd.model import Box, FrameRef, HeadReading, Outcome
 
 
@@ -306,3 +309,36 @@ def test_a_stop_without_a_camera_is_tried_and_refused_at_once(world) -> None:
     (refused,) = [command for command in commands if isinstance(command, cmd.ReplyRefused)]
     assert (refused.token, refused.code) == (9, "device_lost")
     assert "no answer" in refused.message
+
+
+def test_other_settings_hold_from_the_next_decision_on(world) -> None:
+    """What is no part of the core, or does not hold what it must, is refused and changes nothing."""
+    before = world.machine.config
+    strict = msgspec.structs.replace(
+        before, search=msgspec.structs.replace(before.search, accept_probability=1.0, certain_probability=1.0)
+    )
+    world.request("before", hold_s=0.0)
+    world.run(until=State.LOCK)
+    world.tell(ev.SettingsChanged(t_ns=world.t_ns, parts=core_parts(strict)))
+    world.run()
+    assert [result.outcome for result in world.results()["before"]] == [Outcome.LOCKED]
+    world.frame(1)
+    world.request("after", token=2)
+    world.run()
+    assert [result.outcome for result in world.results()["after"]] != [Outcome.LOCKED]
+    for parts in ({"ptz": {}}, {"lock": {"fill": 7.0}}):
+        with pytest.raises(ConfigError, match=next(iter(parts))):
+            world.tell(ev.SettingsChanged(t_ns=world.t_ns, parts=parts))
+    assert world.machine.config == strict
+
+
+def test_a_picture_may_take_as_long_as_the_stream_may_be_silent(make_world, config) -> None:
+    waited = {}
+    for stall_s in (5.0, 60.0):
+        world = make_world(ptz=msgspec.structs.replace(config.ptz, stall_s=stall_s))
+        world.silent = {cmd.GrabView}
+        world.start()
+        world.request("a", hold_s=0.0, timeout_s=600.0)
+        world.run(600.0, until=State.IDLE)
+        waited[stall_s] = world.results()["a"][0].elapsed_ms
+    assert waited[60.0] - waited[5.0] >= 55_000

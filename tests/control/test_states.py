@@ -8,10 +8,12 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from ptzd.config import core_parts
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
 from ptzd.control.machine import Machine
@@ -290,6 +292,17 @@ class Life:
     def _early_deadline(self) -> None:
         self.tell(ev.DeadlinePassed(t_ns=self.t_ns))
 
+    def _settings(self) -> None:
+        """Another wish of whoever edits the file; what was accepted before goes on."""
+        config = self.machine.config
+        other = msgspec.structs.replace(
+            config,
+            queue=msgspec.structs.replace(config.queue, size=self.pick([0, 1, 8])),
+            lock=msgspec.structs.replace(config.lock, max_corrections=self.pick([0, 2]), fill=self.pick([0.3, 0.5])),
+            home=msgspec.structs.replace(config.home, pan_deg=self.pick([0.0, 20.0])),
+        )
+        self.tell(ev.SettingsChanged(t_ns=self.t_ns, parts=core_parts(other)))
+
     def _wait(self) -> None:
         self.t_ns += round(self.pick([0.05, 0.5, 2.0]) * SECOND_NS)
 
@@ -410,6 +423,7 @@ LIKELY = ("request", "answer", "answer", "answer", "answer", "answer", "deadline
 UNLIKELY = (
     "well_ptz", "well_fisheye", "lost", "frame", "refused", "update", "cancel", "control", "head_fails", "match_fails",
     "late_answer", "polled", "foreign", "early_deadline", "wait", "start",
+    "settings",
 )  # fmt: skip
 ACTIONS = [*LIKELY * 8, *UNLIKELY]
 
@@ -424,10 +438,11 @@ def test_a_life_of_whatever_may_come(rig, config, new_world, seed: int) -> None:
     for action in chance.choices(ACTIONS, k=chance.randint(5, 60)):
         life.act(action)
     middle, told, done = life.machine.snapshot(life.t_ns), len(life.told), len(life.done)
+    in_force = life.machine.config
     for action in chance.choices(ACTIONS, k=chance.randint(5, 60)):
         life.act(action)
     life.end()
-    twin, heir = Machine(rig, config), Machine.restored(rig, config, middle)
+    twin, heir = Machine(rig, config), Machine.restored(rig, in_force, middle)
     assert [command for event in life.told for command in twin.handle(event)] == life.done
     assert [command for event in life.told[told:] for command in heir.handle(event)] == life.done[done:]
     for action in chance.choices(ACTIONS, k=5):

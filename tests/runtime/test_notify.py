@@ -39,11 +39,13 @@ def told(manager):
 def test_the_life_of_a_service(manager, told):
     with Notifier(manager.environ) as notifier:
         notifier.extend_timeout(2.5)
+        notifier.reloading()
+        notifier.reloaded("before it was ready nobody waits for that")
         notifier.ready("idle")
         notifier.status("locked on gate-3")
         notifier.alive()
         notifier.reloading()
-        notifier.ready("idle")
+        notifier.reloaded("settings read again")
         notifier.stopping("stopping the head")
     assert told() == {"EXTEND_TIMEOUT_USEC": "2500000"}
     assert told() == {"READY": "1", "STATUS": "idle"}
@@ -52,7 +54,7 @@ def test_the_life_of_a_service(manager, told):
     reloading = told()
     assert reloading.pop("RELOADING") == "1"
     assert int(reloading.pop("MONOTONIC_USEC")) > 0
-    assert told() == {"READY": "1", "STATUS": "idle"}
+    assert told() == {"READY": "1", "STATUS": "settings read again"}
     assert told() == {"STOPPING": "1", "STATUS": "stopping the head"}
 
 

@@ -109,6 +109,13 @@ async def test_a_log_is_cut_between_two_events_with_a_snapshot(pump, log, story)
     assert log.cuts[0][0] == 2
 
 
+async def test_a_file_holds_one_set_of_settings(pump, log, story) -> None:
+    """Whoever replays a file reads its settings at its head; a change is the last that a file tells."""
+    pump.tell(lambda t_ns: ev.SettingsChanged(t_ns=t_ns))
+    pump.tell(lambda t_ns: ev.HeadStopped(t_ns=t_ns))
+    assert [name for name, _ in story] == ["event", "handled", "seen", "cut", "event", "handled", "seen"]
+
+
 async def test_frames_are_pinned_and_released(pump, core, picture) -> None:
     frame = picture(7)
     pump._frames.add(frame)
