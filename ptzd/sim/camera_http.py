@@ -80,6 +80,9 @@ class CameraServer:
             ("/axis-cgi/mjpg/video.cgi", "/mjpg/video.mjpg", "/mjpg/1/video.mjpg"), self._pictures.video
         )
         image = dict.fromkeys(("/axis-cgi/jpg/image.cgi", "/jpg/image.jpg", "/jpg/1/image.jpg"), self._pictures.image)
+        events = {"/axis-cgi/wssession.cgi": self._session, "/vapix/ws-data-stream": self.events.serve}
+        if not self._unit.profile.has_events:
+            events.clear()
         return {
             "/axis-cgi/com/ptz.cgi": self._ptz,
             "/axis-cgi/com/ptzconfig.cgi": self._ptz_config,
@@ -93,8 +96,7 @@ class CameraServer:
             "/axis-cgi/systemready.cgi": self._system_ready,
             "/axis-cgi/usergroup.cgi": self._user_group,
             "/axis-cgi/restart.cgi": self._restart,
-            "/axis-cgi/wssession.cgi": self._session,
-            "/vapix/ws-data-stream": self.events.serve,
+            **events,
         }
 
     @web.middleware

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,8 @@ from ptzd.sim.profile import Profile
 
 REFERENCE_SIZE_PX = (1920, 1080)
 """Picture whose field of view sets the proportional speed."""
+SCATTER_STEPS = 0.45
+"""Repeatability scatters by no more of an encoder step: a step finer than the mechanics would tell nothing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,22 +113,49 @@ class Head:
         self._zoom_jitter = [(t_s, 0)]
         self._pending: deque[tuple[float, Order, float]] = deque()
         self._last_start_s = -math.inf
+        self.auto_flip = False
+        """Whether a head with stops a whole turn apart goes on panning beyond one after a quick turn back."""
+        self._flip: tuple[float, float] | None = None
 
     def submit(self, t_s: float, order: Order, speed_index: float = 100) -> float:
-        """Accept an order at ``t_s``; returns when the motors take it up."""
+        """Accept an order at ``t_s``; returns when the motors take it up.
+
+        An order that still waits is superseded in the axes that the new one names; the new one has its turn. Buffering
+        drivers (``serialise_s``) carry out one after the other.
+        """
+        self.advance(t_s)
         timing = self.profile.timing
         latency = float(self._random.normal(timing.latency_s, timing.latency_sigma_s))
         low, high = timing.latency_bounds_s
         start_s = max(t_s + min(max(latency, low), high), self._last_start_s + max(timing.serialise_s, 1e-6))
-        self._last_start_s = start_s
-        self._pending.append((start_s, order, speed_index))
+        if not timing.serialise_s:
+            start_s = self._supersede(order, start_s)
+        self._last_start_s = max(start_s, self._last_start_s)
+        waiting = sorted([*self._pending, (start_s, order, speed_index)], key=lambda entry: entry[0])
+        self._pending = deque(waiting)
+        return start_s
+
+    def _supersede(self, order: Order, start_s: float) -> float:
+        """Take what ``order`` names out of the orders that wait; returns when it starts: at the first one's turn."""
+        kept = []
+        for entry in self._pending:
+            rest = _without(entry[1], order)
+            start_s = start_s if rest == entry[1] else min(start_s, entry[0])
+            kept += [] if rest is None else [(entry[0], rest, entry[2])]
+        self._pending = deque(kept)
         return start_s
 
     def advance(self, t_s: float) -> None:
         """Take up every order whose time has come."""
-        while self._pending and self._pending[0][0] <= t_s:
-            start_s, order, speed_index = self._pending.popleft()
-            self._start(start_s, order, speed_index)
+        while True:
+            order_s = self._pending[0][0] if self._pending else math.inf
+            flip_s = math.inf if self._flip is None else self._flip[0]
+            if min(order_s, flip_s) > t_s:
+                return
+            if flip_s < order_s:
+                self._turn_round()
+            else:
+                self._start(*self._pending.popleft())
 
     def busy(self, t_s: float) -> bool:
         """Whether a motor turns or an order waits."""
@@ -157,7 +186,7 @@ class Head:
     def rest_s(self, t_s: float) -> float:
         """When motors and optics are at rest if nothing more is ordered; ``inf`` while that is unknown."""
         self.advance(t_s)
-        return math.inf if self._pending else max(axis.rest_s(t_s) for axis in self.axes.values())
+        return math.inf if self._pending or self._flip else max(axis.rest_s(t_s) for axis in self.axes.values())
 
     def encoder(self, t_s: float) -> Pose:
         """Where the motors stand."""
@@ -235,11 +264,18 @@ class Head:
     def _move_angle(self, t_s: float, name: str, value: float, speed_index: float, *, relative: bool) -> None:
         axis = self.axes[name]
         v_max = self.profile.move_speed(speed_index)
+        if name == "pan":
+            self._flip = None
         if relative:
-            plan = axis.turn_to(t_s, self.profile.quantise(axis.position(t_s) + value), v_max)
+            target = axis.position(t_s) + value
+            if name == "pan" and self._flips:
+                target = math.remainder(target, 360.0)
+            plan = axis.turn_to(t_s, self.profile.quantise(target), v_max)
         else:
             plan = axis.move_to(t_s, self.profile.quantise(value), v_max)
-        self._scatter[name].go(t_s, plan.end_s, float(self._random.normal(0.0, self.profile.repeat_sigma_deg)))
+        bound_deg = SCATTER_STEPS * self.profile.quantum_deg
+        scatter_deg = float(self._random.normal(0.0, self.profile.repeat_sigma_deg))
+        self._scatter[name].go(t_s, plan.end_s, min(max(scatter_deg, -bound_deg), bound_deg))
 
     def _turn(self, t_s: float, order: Turn) -> None:
         cap = math.inf
@@ -248,7 +284,44 @@ class Head:
             cap = order.proportional * hfov_deg(self.profile, zoom, REFERENCE_SIZE_PX)
         for name, percent in (("pan", order.pan_percent), ("tilt", order.tilt_percent)):
             axis = self.axes[name]
-            axis.cruise(t_s, self.profile.continuous_share(percent) * min(axis.spec.v_max, cap))
+            velocity = self.profile.continuous_share(percent) * min(axis.spec.v_max, cap)
+            plan = axis.cruise(t_s, velocity)
+            if name == "pan":
+                self._flip = (plan.end_s, velocity) if velocity and self._flips else None
+
+    @property
+    def _flips(self) -> bool:
+        pan = self.profile.pan
+        return self.auto_flip and not pan.endless and pan.high - pan.low >= 360.0
+
+    def _turn_round(self) -> None:
+        """A continuous pan is at a stop: back to the other one at full speed, and from there on as before."""
+        if self._flip is None:
+            return
+        (t_s, velocity), axis = self._flip, self.axes["pan"]
+        near, far = (axis.spec.high, axis.spec.low) if velocity > 0 else (axis.spec.low, axis.spec.high)
+        plan = axis.move_to(t_s, far) if axis.position(t_s) == near else axis.cruise(t_s, velocity)
+        axis.continuous = True
+        self._flip = (plan.end_s, velocity)
+
+
+def _without(waiting: Order, newer: Order) -> Order | None:
+    """What is left of an order that waits when a newer one comes; None: nothing."""
+    match newer:
+        case MoveTo() | MoveBy():
+            named = {name for name in ("pan", "tilt", "zoom") if getattr(newer, name) is not None}
+        case Turn():
+            named = {"pan", "tilt"}
+        case ZoomRun():
+            named = {"zoom"}
+    match waiting:
+        case Turn():
+            return None if named & {"pan", "tilt"} else waiting
+        case ZoomRun():
+            return None if "zoom" in named else waiting
+        case MoveTo() | MoveBy():
+            left = replace(waiting, **dict.fromkeys(named, None))
+            return None if left == type(waiting)() else left
 
 
 def _since(axis: Axis, t_s: float) -> float:

@@ -106,9 +106,11 @@ class Profile:
     zoom_jitter: int = 0
     """Reported zoom differs by up to this from the commanded one, the same until the next move."""
     repeat_sigma_deg: float = 0.0008
-    """How exactly the optics come back to the same encoder value."""
+    """How exactly the optics come back to the same encoder value; never further off than half a step of it."""
     has_attributes: bool = True
     """Whether ``query=attributes`` exists."""
+    has_events: bool = True
+    """Whether there is an event stream over WebSocket (AXIS OS 10.11 and later)."""
     old_style_digest: bool = False
     """Challenges of firmware 4."""
     reversed_mount: bool = False
@@ -166,7 +168,7 @@ _FULL_KEYS = ("pan", "tilt", "zoom", "iris", "focus", "brightness", "autofocus",
 V5915 = Profile(
     name="v5915",
     product="V5915",
-    firmware="9.80.1",
+    firmware="10.12.91",
     serial="ACCC8E5915A1",
     driver="Sony_camblock",
     pan=_angle_axis(-170, 170, 100, 400),
@@ -192,6 +194,7 @@ DOME = Profile(
     tilt=_angle_axis(-90, 20, 150, 500),
     zoom=AxisSpec(low=1, high=ZOOM_STEPS, v_max=5000, a_max=20000),
     quantum_deg=0.0011,
+    repeat_sigma_deg=0.0002,
     decimals=4,
     position_keys=("pan", "tilt", "zoom", "autofocus", "autoiris"),
     optics=Optics(hfov_wide_deg=65.1, hfov_tele_deg=2.0, bend=-0.04, k1_wide=-0.11),
@@ -216,7 +219,8 @@ OLD214 = Profile(
     speed_table=SLOW_START_TABLE,
     timing=Timing(latency_s=0.3, latency_sigma_s=0.08, latency_bounds_s=(0.15, 0.6), serialise_s=1.0,
                   report_refresh_s=0.1, report_lag_s=0.15, event_lag_s=0.1),
-    repeat_sigma_deg=0.01,
+    repeat_sigma_deg=0.002,
+    has_events=False,
     old_style_digest=True,
     has_attributes=False,
     resolutions=("768x576", "704x576", "704x288", "640x480", "352x288", "320x240", "176x144", "160x120"),
@@ -225,7 +229,7 @@ OLD214 = Profile(
 INVERTED = Profile(
     name="inverted",
     product="Q6215-LE",
-    firmware="10.10.69",
+    firmware="10.12.91",
     serial="B8A44F62151E",
     driver="Axis_ptz_dome",
     pan=_angle_axis(-180, 180, 150, 500),

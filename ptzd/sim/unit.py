@@ -93,6 +93,7 @@ class Unit:
         """Take up an order whatever is disabled, as presets and the unit's own programs do."""
         self.preset_move = preset
         now_s = self.clock.now_s()
+        self.head.auto_flip = self.flag("PTZ.UserAdv.U1.AutoFlip")
         start_s = self.head.submit(now_s, order, self.speed_index)
         self.last_order_s = now_s
         self.orders.append(OrderRecord(t_s=now_s, start_s=start_s, source=source, order=order))

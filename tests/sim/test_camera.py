@@ -269,6 +269,16 @@ async def test_a_guard_tour_walks_the_presets_until_it_is_stopped(start):
     assert targets[:3] == [0, 30, 0]
 
 
+async def test_auto_flip_goes_on_beyond_the_stop(start):
+    visitor = await start(profile="inverted", rate=20.0)
+    visitor.rig.camera.unit.parameters["PTZ.UserAdv.U1.AutoFlip"] = "true"
+    await visitor.ptz(pan=175)
+    await visitor.rest()
+    await visitor.ptz(rpan=20)
+    await visitor.rest()
+    assert (await visitor.position())["pan"] == pytest.approx(-165, abs=0.01)
+
+
 async def test_digital_zoom_goes_on_where_it_is_wanted_only(start):
     visitor, plain = await start(digital_zoom=True, rate=10.0), await start()
     assert (await visitor.ptz(query="limits")).values["MaxZoom"] == "19999"

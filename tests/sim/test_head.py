@@ -161,3 +161,54 @@ def test_a_knock_moves_the_optics_and_not_the_encoders():
     assert after.tilt_deg - before.tilt_deg == pytest.approx(-0.3)
     assert head.encoder(3.0) == head.encoder(1.0)
     assert head.optical(1.0) == before
+
+
+def test_of_two_moves_within_one_latency_only_the_newer_runs():
+    head = Head(profile("v5915"), seed=1, t_s=START_S)
+    turn_s = head.submit(START_S, MoveTo(pan=150, tilt=30, zoom=500))
+    assert head.submit(START_S + 0.05, MoveTo(pan=-20)) == turn_s
+    positions = [head.encoder(START_S + 0.01 * number).pan_deg for number in range(300)]
+    assert max(positions) == 0
+    assert positions[-1] == pytest.approx(-20, abs=0.01)
+    assert head.encoder(START_S + 3.0).tilt_deg == pytest.approx(30, abs=0.01)
+    assert head.encoder(START_S + 3.0).zoom == 500
+
+
+def test_moves_that_follow_each_other_faster_than_the_latency_still_move_the_head():
+    head = Head(profile("dome"), seed=1, t_s=START_S)
+    for number in range(40):
+        head.submit(START_S + 0.05 * number, MoveTo(pan=float(number)))
+    assert head.encoder(START_S + 2.0).pan_deg > 30
+
+
+@pytest.mark.parametrize("stop", [(Turn(pan_percent=0, tilt_percent=0), 300), (ZoomRun(percent=0), 1)])
+def test_a_stop_takes_back_what_waits_on_its_own_axes_only(stop):
+    head = Head(profile("v5915"), seed=1, t_s=START_S)
+    order, zoom = stop
+    head.submit(START_S, MoveTo(pan=50, zoom=300))
+    head.submit(START_S, order)
+    pose = head.encoder(START_S + 4.0)
+    assert (pose.pan_deg, pose.zoom) == (0 if isinstance(order, Turn) else pytest.approx(50, abs=0.01), zoom)
+
+
+def test_auto_flip_goes_on_beyond_the_stop_after_a_quick_turn_back():
+    head, plain = Head(profile("inverted"), seed=1, t_s=START_S), Head(profile("inverted"), seed=1, t_s=START_S)
+    head.auto_flip = True
+    for one in (head, plain):
+        one.submit(START_S, MoveTo(pan=170))
+        one.submit(START_S + 3.0, Turn(pan_percent=40, tilt_percent=0))
+    times = [START_S + 3.0 + 0.02 * number for number in range(400)]
+    way = [head.encoder(t).pan_deg for t in times]
+    assert max(way) == pytest.approx(180, abs=1e-3)
+    assert min(way) == pytest.approx(-180, abs=1e-3)
+    after = way[way.index(min(way)) :]
+    assert after == sorted(after)
+    assert after[-1] > -175
+    assert head.busy(times[-1])
+    assert plain.encoder(times[-1]).pan_deg == 180
+    head.submit(times[-1], Turn(pan_percent=0, tilt_percent=0))
+    assert not head.busy(times[-1] + 2.0)
+    head.submit(times[-1] + 2.0, MoveTo(pan=170))
+    head.submit(times[-1] + 8.0, MoveBy(pan=30))
+    assert head.encoder(times[-1] + 16.0).pan_deg == pytest.approx(-160, abs=0.01)
+    assert not head.busy(times[-1] + 16.0)

@@ -75,7 +75,7 @@ async def test_the_package_axis_reads_and_drives_it(start, tmp_path):
     """
     told = json.loads((await python(script, tmp_path, str(visitor.rig.camera.port))).splitlines()[-1])
     assert told["product"] == "V5915"
-    assert told["firmware"] == "9.80.1"
+    assert told["firmware"] == "10.12.91"
     assert told["serial"] == visitor.rig.profile.serial
     assert told["limits"] == [-170, 90]
     assert told["support"] is True
