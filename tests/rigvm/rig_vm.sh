@@ -9,7 +9,7 @@ suite=${1:-all}
 soak_s=${2:-20}
 cache=${PTZD_RIGVM_CACHE:-${XDG_CACHE_HOME:-$HOME/.cache}/ptzd-rigvm}
 here=tests/rigvm
-limit_s=$((3000 + soak_s))
+limit_s=$((5400 + soak_s))
 
 need_packages() {
     local missing=() package

@@ -58,11 +58,15 @@ class UvcCamera:
                 self.tell("detach")
                 process.terminate()
 
-    def tell(self, command: str) -> None:
-        """Give a command and wait until it is obeyed."""
+    def tell(self, command: str) -> int:
+        """Give a command and wait until it is obeyed; how many pictures the camera has sent so far."""
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as line:
             line.bind("")
-            line.settimeout(30)
+            line.settimeout(120)
             line.connect(self._address)
             line.send(command.encode())
-            line.recv(16)
+            return int(line.recv(16))
+
+    def sent(self) -> int:
+        """Pictures that went down the cable whole, since the camera was made."""
+        return self.tell("count")

@@ -1,7 +1,8 @@
 """A USB video camera in software, plugged into the kernel's own uvcvideo driver through vhci-hcd (USB/IP).
 
 Shows the JPEG files of a folder in turn. Needs root and the modules vhci-hcd and uvcvideo. Commands come as words on a
-datagram socket: stall, resume, drop N, truncate N, fault N, detach, attach.
+datagram socket: stall, resume, drop N, truncate N, fault N, detach, attach, count. Each is answered with the number of
+pictures sent so far.
 
 usage: uvc_camera.py FOLDER WIDTHxHEIGHT FPS SOCKET
 """
@@ -157,6 +158,7 @@ class Camera:
 
     def __init__(self, pictures: list[bytes], mode: Mode) -> None:
         self.cable: Cable | None = None
+        self.sent = 0
         self._function = Function(mode)
         self._pictures = pictures
         self._waiting: list[tuple[int, int]] = []
@@ -230,6 +232,7 @@ class Camera:
             flags = END_OF_HEADER | self._frame_id | (0 if rest else END_OF_FRAME) | (ERROR if self._faulty else 0)
             cable.complete(number, data=bytes([2, flags]) + part)
             self._sending = rest or None
+            self.sent += not rest
 
 
 def run(camera: Camera, mode: Mode, commands: socket.socket) -> None:
@@ -249,10 +252,10 @@ def run(camera: Camera, mode: Mode, commands: socket.socket) -> None:
         if commands in ready:
             words, sender = commands.recvfrom(200)
             camera.obey(words.decode().split())
-            commands.sendto(b"done", sender)
+            commands.sendto(str(camera.sent).encode(), sender)
         if time.monotonic() >= next_s:
             camera.tick()
-            next_s = max(next_s + 1 / mode.fps, time.monotonic() - 0.5)
+            next_s = max(next_s, time.monotonic() - 0.5 / mode.fps) + 1 / mode.fps
 
 
 def main(folder: str, size: str, fps: str, address: str) -> None:
