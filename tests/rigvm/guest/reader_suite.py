@@ -129,14 +129,12 @@ async def slow_reader(checks: Checks, camera: UvcCamera) -> None:
     fisheye = V4l2Fisheye(SETTINGS, clock)
     async with aclosing(fisheye.pictures()) as stream:
         await anext(stream)
-        enough = camera.sent() + 10
-        while camera.sent() < enough:
-            await asyncio.sleep(0.2)
+        await asyncio.to_thread(watch, camera, 10)
         late = await anext(stream)
         checks.that("a reader that sleeps gets the newest", clock.now_ns() - late.frame.t_capture_ns < 3e9)
         checks.that("and is told what it missed", late.lost_before >= 8, late.lost_before)
         superseded = fisheye.tally.superseded
-        block_the_loop(camera, pictures=12)
+        watch(camera, 12)
         late = await anext(stream)
         after = await anext(stream)
         missed = late.lost_before + after.lost_before
@@ -144,8 +142,8 @@ async def slow_reader(checks: Checks, camera: UvcCamera) -> None:
         checks.that("they are not those replaced by newer ones", fisheye.tally.superseded - superseded <= 8)
 
 
-def block_the_loop(camera: UvcCamera, pictures: int) -> None:
-    """Let nothing else run until the camera has sent so many."""
+def watch(camera: UvcCamera, pictures: int) -> None:
+    """Until the camera has sent so many; in the loop's own thread nothing else runs meanwhile."""
     enough = camera.sent() + pictures
     while camera.sent() < enough:
         time.sleep(0.2)
