@@ -1,0 +1,38 @@
+"""`kill -HUP` and `systemctl reload`: other settings in a running daemon, and a log that replays across the change."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+
+
+async def heard_again(site) -> str:
+    """Let the settings be read again; what the daemon says of it."""
+    site.process.send_signal(signal.SIGHUP)
+    async with asyncio.timeout(40):
+        async for line in site.process.stderr:
+            if b"settings" in line:
+                return line.decode()
+    raise AssertionError("the daemon ended")
+
+
+async def test_settings_change_while_it_runs_and_both_logs_replay(make_site) -> None:
+    site = await make_site()
+    await site.spawn()
+    await site.lock("before")
+    settings = site.config.read_text()
+    site.change(search={"accept_probability": 1.0, "certain_probability": 1.0, "max_rounds": 1}, ptz={"poll_hz": 5.0})
+    said = await heard_again(site)
+    assert "changed search.accept_probability, search.certain_probability, search.max_rounds; needs a restart" in said
+    assert "ptz.poll_hz" in said
+    await site.request("strict")
+    assert (await site.end_of("strict")).outcome != "locked"
+    site.config.write_text("rig: [")
+    assert "not taken" in await heard_again(site)
+    site.config.write_text(settings)
+    assert "changed search.accept_probability" in await heard_again(site)
+    await site.lock("after")
+    site.process.terminate()
+    await site.process.communicate()
+    await site.end()
+    assert len(list((site.folder / "log").glob("*.mcap"))) == 3
