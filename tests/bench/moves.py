@@ -35,6 +35,8 @@ LATEST_S = {"polls": 0.7, "events": 0.3}
 """After true rest, by what tells the client of it."""
 BUFFERS = {"move_spacing_s": 1.0, "report_lag_s": 0.2}
 """Settings for cameras that take up one command a second."""
+GRID_S = 1e-3
+"""Resolution of true rest."""
 OUTSIDE = 0.05
 """Share of the targets beyond the limits."""
 ROUND_TRIP_S = 0.005
@@ -77,9 +79,10 @@ def true_rest_s(head: Head, t_s: float) -> float:
     stopped_s = max(axis.plan_at(t_s).end_s for axis in head.axes.values())
     end_s = max(head.rest_s(t_s), t_s)
     end = head.optical(end_s)
-    times = np.arange(stopped_s, end_s, 1e-3)
-    swings = [i for i, at in enumerate(times) if _apart_deg(head, float(at), end) > head.profile.quantum_deg]
-    return float(times[swings[-1]]) + 1e-3 if swings else stopped_s
+    for at_s in np.arange(end_s, stopped_s, -GRID_S):
+        if _apart_deg(head, float(at_s), end) > head.profile.quantum_deg:
+            return float(at_s) + GRID_S
+    return stopped_s
 
 
 def _apart_deg(head: Head, t_s: float, end: Pose) -> float:

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import asyncio
 import selectors
-import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from typing import Any
 
 START_S = 1_000_000.0
 LOOKS = 3
-"""How often sockets are looked at before time jumps; what one end wrote on the loopback is there for the other."""
+"""How often sockets are looked at before time jumps: what one end wrote on the loopback is there for the other, unless
+the kernel is too busy to pass it on at once."""
 
 
 class _JumpingSelector(selectors.BaseSelector):
@@ -47,7 +47,6 @@ class _JumpingSelector(selectors.BaseSelector):
         for _ in range(LOOKS):
             if ready := self._real.select(0):
                 return ready
-            time.sleep(0)
         if timeout is None or self._at_work():
             return self._real.select(None)
         self._jump(timeout)

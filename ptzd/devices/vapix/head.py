@@ -89,7 +89,7 @@ class VapixHead:
         self._settle_ns = round(settings.settle_s * 1e9)
         self._client = CameraClient(address, clock)
         self._poses = PoseRing(stillness, self._settle_ns)
-        self._poller = Poller(settings, self._client, self._poses)
+        self._poller = Poller(settings, self._client, self._poses, clock)
         jitter = jitter or random.SystemRandom().random
         self._stream = ViewStream(settings, self._client, clock, jitter)
         self._witness = MotionWitness(self._client, self._poses, clock, settings.camera, jitter)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -12,7 +13,7 @@ from ptzd.devices.vapix.client import CameraClient
 from ptzd.devices.vapix.feed import Feed
 from ptzd.devices.vapix.poses import PoseRing
 from ptzd.errors import DeviceGarbled, DeviceLost
-from ptzd.ports import HeadPoll
+from ptzd.ports import Clock, HeadPoll
 
 FAILURES_ALLOWED = 2
 """In a row; one more and the camera counts as lost."""
@@ -31,13 +32,15 @@ class Poller:
     client : CameraClient
     poses : PoseRing
         Gets every report.
+    clock : Clock
     """
 
-    def __init__(self, settings: Ptz, client: CameraClient, poses: PoseRing) -> None:
+    def __init__(self, settings: Ptz, client: CameraClient, poses: PoseRing, clock: Clock) -> None:
         self.feed: Feed[HeadPoll] = Feed(KEPT_POLLS)
         self._request = requests.position(settings.camera)
         self._client = client
         self._poses = poses
+        self._clock = clock
         self._period_s = 1 / settings.poll_hz
         self._eager_period_s = 1 / min(EAGER * settings.poll_hz, MAX_POLL_HZ)
         self._waiting = 0
@@ -65,7 +68,13 @@ class Poller:
                 if failures > FAILURES_ALLOWED or loop.time() - answered_s >= self._stall_s:
                     raise
             next_s = max(next_s + (self._eager_period_s if self._waiting else self._period_s), loop.time())
-            await asyncio.sleep(next_s - loop.time())
+            await asyncio.sleep(min(next_s - loop.time(), self._pause_to_proof_s()))
+
+    def _pause_to_proof_s(self) -> float:
+        """Until a report can confirm the camera's own word of rest; inf when that is past or not awaited."""
+        due_ns = self._poses.confirmed_at_ns
+        pause_s = -1.0 if due_ns is None else (due_ns + self._lag_ns - self._clock.now_ns()) / 1e9
+        return pause_s if pause_s > 0 else math.inf
 
     @contextmanager
     def eagerly(self) -> Iterator[None]:

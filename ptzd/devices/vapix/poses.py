@@ -19,7 +19,7 @@ KEPT_NS = 10_000_000_000
 MIN_REPORTS = 3
 SPAN_SHARE = 0.95
 """Of the time asked for is enough: four reports at 10 Hz span 0.3 s give or take the jitter of the network."""
-WITNESS_SHARE = 0.4
+WITNESS_SHARE = 0.5
 """Of the settle time that must pass between the camera's own word and the report that confirms it."""
 SIGMA_FLOOR_DEG = 0.005
 """Repeatability and encoder step of the finest heads (V5915 reports steps of 1/256°)."""
@@ -144,6 +144,7 @@ class PoseRing:
     def __init__(self, stillness: Stillness, settle_ns: int) -> None:
         self._stillness = stillness
         self._settle_ns = settle_ns
+        self._witness_ns = round(WITNESS_SHARE * settle_ns)
         self._poses: deque[Pose] = deque()
         self._runs: deque[Run] = deque()
         self._run: Run | None = None
@@ -188,6 +189,15 @@ class PoseRing:
         """The camera said at ``t_ns`` that the head does not move any more."""
         self._stopped_ns = t_ns
 
+    @property
+    def confirmed_at_ns(self) -> int | None:
+        """From when on a report can confirm the camera's own word that the head stands; None when nothing waits for it.
+
+        On the scale of the reports' times, so a report of that age is asked for later by its lag.
+        """
+        waits = self._stopped_ns is not None and self._run is not None and not self._run.witnessed
+        return self._stopped_ns + self._witness_ns if waits and self._stopped_ns is not None else None
+
     def add(self, t_ns: int, half_round_trip_ns: int, reading: HeadReading) -> Pose:
         """Take a report.
 
@@ -226,8 +236,7 @@ class PoseRing:
     def _continue_run(self, t_ns: int, half_round_trip_ns: int, reading: HeadReading) -> Motion:
         run = self._run
         if run is not None and run.extend(t_ns, half_round_trip_ns, reading, self._stillness):
-            settled_ns = round(WITNESS_SHARE * self._settle_ns)
-            run.witnessed |= self._stopped_ns is not None and t_ns - self._stopped_ns >= settled_ns
+            run.witnessed |= self._stopped_ns is not None and t_ns - self._stopped_ns >= self._witness_ns
             if not run.proven(self._stillness.rest_s):
                 return Motion.SETTLING
             self._foreign = False

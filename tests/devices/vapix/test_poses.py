@@ -95,10 +95,12 @@ def test_the_cameras_own_word_shortens_the_proof():
     for t, pan in ((500, 6.0), (550, 7.99), (600, 8.0)):
         ring.add(t * MS, MS, at(pan))
     ring.stopped(560 * MS)
-    ring.add(630 * MS, MS, at(8))
+    assert ring.confirmed_at_ns == 660 * MS
+    ring.add(655 * MS, MS, at(8))
     assert ring.rest is None
-    ring.add(650 * MS, MS, at(8))
+    ring.add(660 * MS, MS, at(8))
     assert ring.rest.mean == at(8)
+    assert ring.confirmed_at_ns is None
 
 
 def test_the_word_of_an_earlier_stop_proves_nothing_about_a_later_move():
