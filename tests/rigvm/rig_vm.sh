@@ -59,7 +59,7 @@ build_package_if_changed
 
 share=$(mktemp -d)
 trap 'rm -rf "$share"' EXIT
-cp "$here"/guest/* build/deb/ptzd_*.deb "$share/"
+cp -r "$here"/guest/* systemd config build/deb/ptzd_*.deb "$share/"
 echo "$suite $soak_s" > "$share/arguments"
 : > "$share/out.txt"
 tail --follow "$share/out.txt" & follow=$!

@@ -52,6 +52,7 @@ def run(checks: Checks) -> None:
             check_falls(checks)
             check_stop(checks)
     check_upgrade_and_purge(checks, settings)
+    check_other_installation(checks, settings)
 
 
 @contextmanager
@@ -184,6 +185,8 @@ def check_request(checks: Checks, facts: dict[str, str]) -> None:
     if checks.that("a box is locked", isinstance(result, RoiResult) and result.outcome == "locked", seen):
         off_deg = error_deg(facts["truth_url"], result)
         checks.that("on what the fisheye sees there", off_deg <= 0.5, f"{off_deg:.3f} deg off the truth")
+    told = shell(f"journalctl --no-pager --output=cat PTZD_REQUEST=try-{attempt}").splitlines()
+    checks.that("the journal has the request by its field", len(told) == 2 and "accepted" in told[0], told)
 
 
 def error_deg(truth_url: str, result: RoiResult) -> float:
@@ -317,8 +320,24 @@ def check_upgrade_and_purge(checks: Checks, settings: str) -> None:
     shell("dpkg --force-unsafe-io --install /mnt/share/ptzd_*.deb", limit_s=1800)
     kept = (ETC / "ptzd.yaml").read_text() == settings and (ETC / "credentials/axis-password").exists()
     checks.that("an upgrade keeps settings and password", kept)
-    shell("systemctl stop ptzd", limit_s=300)
-    said = shell("dpkg --purge ptzd", limit_s=300)
+    shell("systemctl stop ptzd; cp --archive /usr/lib/ptzd /opt/ptzd", limit_s=900)
+    said = shell("dpkg --purge ptzd", limit_s=900)
     left = [path for path in ("/etc/ptzd", "/var/lib/ptzd", "/var/log/ptzd", "/usr/lib/ptzd") if Path(path).exists()]
     checks.that("purge leaves nothing behind", not left, f"{left} {said if left else ''}")
     checks.that("not even the account", "ptzd" not in shell("getent passwd ptzd; getent group ptzd"))
+
+
+def check_other_installation(checks: Checks, settings: str) -> None:
+    """`ptzd install-service` of an installation that no package manager looks after, as `pipx install` makes it."""
+    shell("mkdir -p /opt/ptzd/share/ptzd && cp -r /mnt/share/systemd /mnt/share/config /opt/ptzd/share/ptzd/")
+    shell("sed -i '1c #!/opt/ptzd/bin/python3' /opt/ptzd/bin/ptzd")
+    said = shell("/opt/ptzd/bin/ptzd install-service", limit_s=900)
+    enabled = shell("systemctl is-enabled ptzd") == "enabled"
+    checks.that("another installation makes itself a service", enabled, said.splitlines()[-1:])
+    (ETC / "ptzd.yaml").write_text(settings)
+    (ETC / "rig.yaml").write_text((RIG / "rig.yaml").read_text())
+    (ETC / "credentials/axis-password").write_text(PASSWORD + "\n")
+    shell("systemctl start ptzd", limit_s=900)
+    command = property_of("ExecStart")
+    checks.that("that starts the program of this installation", active() and "/opt/ptzd/bin/ptzd" in command, command)
+    shell("systemctl stop ptzd", limit_s=300)
