@@ -316,9 +316,9 @@ def test_planning_takes_milliseconds():
     rig = make_rig()
     for box in (MIDDLE, Box(x=200, y=150, w=30, h=30)):
         plan_views(rig, box, (0.01, 0.67), V5915, HOME)
-        begin = time.perf_counter()
+        begin = time.process_time()
         for _ in range(50):
             plan_views(rig, box, (0.01, 0.67), V5915, HOME)
-        took_ms = (time.perf_counter() - begin) * 1e3 / 50
+        took_ms = (time.process_time() - begin) * 1e3 / 50
         print(f"plan_views: {took_ms:.2f} ms")
         assert took_ms < 50.0
