@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ptzd.devices import v4l2
-from ptzd.devices.v4l2 import V4l2Fisheye
+from ptzd.devices.v4l2 import V4l2Fisheye, encode_raw
 from ptzd.errors import DeviceLost, DeviceRefused
 
 
@@ -136,6 +136,21 @@ async def test_raw_pictures_are_encoded_without_their_padding(kernel, settings, 
     expected = gradient if form == "GREY" else (gradient.astype(float) - 16) * 255 / 219
     assert decoded.shape == (48, 64)
     assert np.abs(decoded - expected).mean() < 2
+
+
+async def test_raw_pictures_are_encoded_once_and_beside_the_loop(kernel, settings, clock, monkeypatch):
+    threads = []
+
+    def encode(data, layout):
+        threads.append(threading.current_thread())
+        return encode_raw(data, layout)
+
+    monkeypatch.setattr(v4l2, "encode_raw", encode)
+    fisheye = V4l2Fisheye(msgspec.structs.replace(settings, format="GREY"), clock, open_device=kernel.open)
+    async with aclosing(fisheye.pictures()) as pictures:
+        await shoot_and_take(pictures, kernel, bytes(64 * 48))
+    assert len(threads) == 1
+    assert threading.main_thread() not in threads
 
 
 async def test_a_reader_that_leaves_while_the_camera_opens_leaves_nothing_open(kernel, settings, clock):

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import errno
+import tracemalloc
 from contextlib import closing
 
 import msgspec
@@ -204,3 +205,25 @@ def test_a_raw_picture_is_whole_when_all_its_rows_are_there(kernel, settings, ta
         shot = capture.newest()
     assert tally.truncated == int(short)
     assert (shot is None) if short else (shot.data == rows)
+
+
+def test_a_picture_is_copied_once_and_nothing_of_it_is_kept(kernel, settings, tally):
+    """From the driver's buffer into the picture; memory does not grow with the number of pictures."""
+    kernel.sizes["MJPG"] = [(1024, 768)]
+    big = b"\xff\xd8" + bytes([7]) * 1_000_000 + b"\xff\xd9"
+    large = msgspec.structs.replace(settings, size_px=(1024, 768))
+    with closing(open_capture(large, kernel.open, tally)) as capture:
+        tracemalloc.start()
+        try:
+            for _ in range(5):
+                kernel.device.shoot(big)
+                tracemalloc.reset_peak()
+                before = tracemalloc.get_traced_memory()[0]
+                shot = capture.newest()
+                after, peak = tracemalloc.get_traced_memory()
+                assert shot.data == big
+                assert peak - before < 1.2 * len(big)
+                del shot
+                assert after - len(big) - before < 0.01 * len(big)
+        finally:
+            tracemalloc.stop()
