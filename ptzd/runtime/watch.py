@@ -15,8 +15,6 @@ from ptzd.runtime.hands import Tell
 FIRST_RETRY_S = 0.5
 LONGEST_RETRY_S = 15.0
 """Back-off between attempts to reach a lost device: a camera reboots in 30–60 s, so four quick tries, then calm."""
-REFUSED_RETRY_S = 60.0
-"""After a refusal (wrong password): cameras block an address that hammers them."""
 
 
 class BackOff:
@@ -29,10 +27,8 @@ class BackOff:
         """Start small again, after a success."""
         self._next_s = FIRST_RETRY_S
 
-    def after(self, error: DeviceError) -> float:
-        """Seconds to wait after this error."""
-        if isinstance(error, DeviceRefused):
-            return REFUSED_RETRY_S
+    def after(self) -> float:
+        """Seconds to wait now; who may not ask again so soon after a refusal is held back by the client itself."""
         wait_s, self._next_s = self._next_s, min(2 * self._next_s, LONGEST_RETRY_S)
         return wait_s
 
@@ -109,7 +105,7 @@ class FisheyeWatch:
             except DeviceError as error:
                 self._frames.clear_ring()
                 self.health.report_lost(error)
-                await asyncio.sleep(back_off.after(error))
+                await asyncio.sleep(back_off.after())
 
     def _take(self, picture: Picture) -> None:
         if not self.health.well:
@@ -169,7 +165,7 @@ class HeadWatch:
                 await self._connected(back_off)
             except DeviceError as error:
                 self.health.report_lost(error)
-                await asyncio.sleep(back_off.after(error))
+                await asyncio.sleep(back_off.after())
 
     async def _connected(self, back_off: BackOff) -> None:
         """One connection from its beginning to its loss."""

@@ -130,6 +130,10 @@ class Gate:
             self._count_failure(t_s)
         return Verdict(challenges=self._challenges(t_s, schemes, stale=stale), wrong=not stale)
 
+    def refusal(self, t_s: float, *, secure: bool) -> tuple[str, ...]:
+        """Challenges as after a wrong password."""
+        return self._challenges(t_s, self.policy.schemes(secure=secure), stale=False)
+
     def _count_failure(self, t_s: float) -> None:
         self._failures.append(t_s)
         while self._failures[0] < t_s - 1.0:

@@ -126,12 +126,13 @@ class CameraServer:
             case FaultKind.GARBAGE:
                 return _garbled(await handler(request))
             case _:
-                return self._instead(fault)
+                return self._instead(fault, request)
 
-    def _instead(self, fault: Fault) -> web.Response:
+    def _instead(self, fault: Fault, request: web.Request) -> web.Response:
         """What is sent instead of the answer."""
-        challenge = ("WWW-Authenticate", f'Basic realm="AXIS_{self._unit.profile.serial}"')
-        refusal = html(fault.status, "Refused", headers=[challenge] if fault.status == 401 else [])
+        now_s = self._unit.clock.now_s()
+        challenges = self._gate.refusal(now_s, secure=request.secure) if fault.status == 401 else ()
+        refusal = html(fault.status, "Refused", headers=[("WWW-Authenticate", line) for line in challenges])
         others = {
             FaultKind.HTML: html(200, "Index page"),
             FaultKind.ERROR_TEXT: plain(error("PTZ driver is not responding")),

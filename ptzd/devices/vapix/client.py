@@ -194,11 +194,12 @@ class CameraClient:
         for place in ("", path):
             error, until_s = self._refusals.get(place, (None, 0.0))
             if error is not None and now_s < until_s:
-                raise type(error)(f"{error}; asked again in {until_s - now_s:.0f} s at the earliest")
+                raise type(error)(str(error))
 
     def _remember(self, place: str, error: DeviceRefused) -> DeviceRefused:
-        self._refusals[place] = (type(error)(str(error)), asyncio.get_running_loop().time() + self._refusal_pause_s)
-        return error
+        patient = type(error)(f"{error}; asked again after {self._refusal_pause_s:g} s or with another password")
+        self._refusals[place] = (patient, asyncio.get_running_loop().time() + self._refusal_pause_s)
+        return type(error)(str(patient))
 
     def _challenged(self, attempt: Attempt | None, response: aiohttp.ClientResponse) -> None:
         try:
