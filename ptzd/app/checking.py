@@ -64,8 +64,6 @@ async def check_cameras(loaded: Loaded, *, timing: bool) -> list[str]:
         _size_line("ptz", picture.jpeg, rig.zoom.size_px),
         f"ptz          pose of that picture known to {view.sigma_deg:.3f}° (one sigma)",
     ]
-    if isinstance(config.fisheye, V4l2Source):
-        lines += await asyncio.to_thread(_video_devices)
     async with open_fisheye(config.fisheye, clock) as fisheye:
         try:
             first = await asyncio.wait_for(anext(aiter(fisheye.pictures())), PICTURE_S)
@@ -76,10 +74,16 @@ async def check_cameras(loaded: Loaded, *, timing: bool) -> list[str]:
     return [*lines, _size_line("fisheye", first.jpeg, rig.fisheye.size_px)]
 
 
-def _video_devices() -> list[str]:
-    """Every camera of this machine with its formats, and those that could not be asked."""
+def check_devices(loaded: Loaded) -> list[str]:
+    """Lines about every camera of this machine with its formats, and those that could not be asked.
+
+    Empty when the settings name a fisheye that is none of them.
+    """
+    if not isinstance(loaded.config.fisheye, V4l2Source):
+        return []
     offers, failures = list_devices()
-    return [*(line for offer in offers for line in offer.lines()), *map(str, failures)]
+    lines = [*(line for offer in offers for line in offer.lines()), *map(str, failures)]
+    return lines or ["fisheye      no video device on this machine; plug the camera in"]
 
 
 async def _delays(head: VapixHead, start: HeadReading, settings: Ptz) -> list[str]:

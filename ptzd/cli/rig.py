@@ -26,11 +26,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 def check(arguments: argparse.Namespace) -> int:
     """Say whether the daemon could run with these settings."""
-    from ptzd.app.checking import check_cameras, check_files
+    from ptzd.app.checking import check_cameras, check_devices, check_files
     from ptzd.app.loading import load
 
     loaded = load(arguments.config)
-    for line in check_files(loaded):
+    for line in (*check_files(loaded), *check_devices(loaded)):
         print(line)
     if arguments.connect or arguments.timing:
         for line in asyncio.run(check_cameras(loaded, timing=arguments.timing)):

@@ -42,6 +42,7 @@ def run(checks: Checks) -> None:
         settings = prepare(facts)
         with UvcCamera(PICTURES, "640x480", 2).plugged_in() as camera:
             checks.until("the fisheye has its stable name", Path("/dev/ptzd/fisheye").exists)
+            check_check(checks)
             check_confinement(checks)
             check_start(checks)
             check_request(checks, facts)
@@ -159,6 +160,13 @@ def active() -> bool:
 
 def well() -> bool:
     return active() and rig_state() == "IDLE"
+
+
+def check_check(checks: Checks) -> None:
+    """What its owner asks before starting the service."""
+    said = shell("CREDENTIALS_DIRECTORY=/etc/ptzd/credentials ptzd check --config /etc/ptzd/ptzd.yaml", limit_s=900)
+    checks.that("`ptzd check` lists the camera", "/dev/ptzd/fisheye: " in said, said.splitlines()[5:6])
+    checks.that("with its formats", "MJPG: 640x480" in said)
 
 
 def check_start(checks: Checks) -> None:
