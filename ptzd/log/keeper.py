@@ -23,6 +23,8 @@ from ptzd.log.recover import recover
 from ptzd.ports import Clock
 
 Errand = Callable[[], None]
+PATIENCE_S = 0.5
+"""How soon a wait notices that the thread has ended."""
 
 
 class Keeper:
@@ -63,10 +65,11 @@ class Keeper:
         self._thread.join()
 
     def wait(self) -> None:
-        """Return when all errands so far are done."""
+        """Return when all errands so far are done, or none will be any more."""
         done = threading.Event()
         self._errands.put(done.set)
-        done.wait()
+        while not done.wait(PATIENCE_S) and not self.ended:
+            pass
 
     def call(self, done: Errand) -> None:
         """Call back, in the keeper's thread, when all errands so far are done."""

@@ -20,6 +20,7 @@ from ptzd.log import retention
 from ptzd.log.codec import encode
 from ptzd.log.foxglove import Level
 from ptzd.log.inbox import Adopt, Cut, End, Inbox, Item, Record, Settle
+from ptzd.log.keeper import PATIENCE_S
 from ptzd.log.late import RecentPictures
 from ptzd.log.protobuf import NS, CompressedImage
 from ptzd.log.recover import recover_directory
@@ -256,7 +257,11 @@ class McapLog:
                 loop.call_soon_threadsafe(done.set)
 
         self._put(Settle(tell))
-        await done.wait()
+        while not done.is_set():
+            if self._scribe.ended:
+                raise self._ended()
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(done.wait(), PATIENCE_S)
 
     @property
     def current_file(self) -> Path | None:
@@ -301,9 +306,12 @@ class McapLog:
             self._pictures.wrote(topic, picture.frame)
         return taken
 
+    def _ended(self) -> LogError:
+        return LogError(f"{self._directory}: the log's writer has ended; the daemon must not go on without it")
+
     def _put(self, item: Item) -> bool:
         if self._closed or self._scribe.ended:
-            raise LogError(f"{self._directory}: the log's writer has ended; the daemon must not go on without it")
+            raise self._ended()
         if (
             isinstance(item, Record)
             and not 0 <= min(item.log_ns, item.publish_ns) <= max(item.log_ns, item.publish_ns) < _MAX_NS

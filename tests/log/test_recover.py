@@ -22,7 +22,7 @@ from ptzd.log.reader import LogReader
 from ptzd.log.records import RecordFile
 from ptzd.log.recover import recover, recover_directory
 from ptzd.log.run import RunInfo
-from ptzd.log.topics import EVENT, FISHEYE_IMAGE
+from ptzd.log.topics import EVENT, FISHEYE_IMAGE, TOPICS
 from ptzd.model import FrameRef
 
 T0 = 1_795_000_000_000_000_000
@@ -131,6 +131,42 @@ def test_a_chunk_with_a_wrong_checksum_is_passed_over(whole, tmp_path):
     assert report.chunks_lost == 1
     assert "1 damaged chunks passed over" in report.note
     assert opens_everywhere(torn) == [*range(5), *range(10, 20)]
+
+
+def test_a_file_whose_first_chunk_is_gone_still_knows_its_topics(whole, tmp_path):
+    path, _ = whole
+    data = bytearray(path.read_bytes())
+    with RecordFile(path) as file:
+        first = next(frame for frame in file.frames() if frame.opcode == 6)
+    data[first.body + 60 : first.end - 60] = bytes(first.length - 120)
+    torn = tmp_path / "yard.mcap.active"
+    torn.write_bytes(data[: -len(data) // 50])
+    report = recover(torn)
+    assert report.chunks_lost == 1
+    assert opens_everywhere(report.path) == list(range(5, 20))
+    with LogReader(report.path) as log:
+        assert {entry.topic for entry in log.entries()} == {EVENT, FISHEYE_IMAGE}
+    with report.path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert {channel.topic for channel in summary.channels.values()} == set(TOPICS)
+
+
+def test_message_indexes_behind_a_damaged_chunk_belong_to_no_other(whole, tmp_path):
+    """A viewer that jumps by index must not land in what was damaged."""
+    path, _ = whole
+    data = bytearray(path.read_bytes())
+    data[_chunk_ends(path)[1] - 50] ^= 0x40
+    torn = tmp_path / "yard.mcap"
+    torn.write_bytes(data)
+    recover(torn)
+    with torn.open("rb") as stream:
+        chunks = make_reader(stream).get_summary().chunk_indexes
+    with RecordFile(torn) as file:
+        for chunk in chunks:
+            behind = chunk.chunk_start_offset + chunk.chunk_length
+            assert min(chunk.message_index_offsets.values()) == behind
+            frames = [f for f in file.frames() if behind <= f.start < behind + chunk.message_index_length]
+            assert [f.opcode for f in frames] == [7] * len(chunk.message_index_offsets)
 
 
 def test_a_file_in_use_is_left_alone(whole, tmp_path):
