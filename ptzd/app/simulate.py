@@ -64,11 +64,16 @@ async def serve(wanted: Wanted, ready: Callable[[dict[str, str]], None]) -> None
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.set)
     async with SimRig(settings) as rig:
-        facts = {"ptz_url": rig.camera_url, "fisheye_url": rig.fisheye_url, "truth_url": rig.truth_url}
+        facts = {"ptz_url": ptz_url(rig), "fisheye_url": rig.fisheye_url, "truth_url": rig.truth_url}
         if wanted.write_config is not None:
             facts["config"] = str(write_config(rig, wanted.write_config, bus=wanted.bus, password=password))
         ready(facts)
         await stop.wait()
+
+
+def ptz_url(rig: SimRig) -> str:
+    """Where a daemon should ask: over TLS when the camera has it."""
+    return rig.camera_url if rig.camera.certificate is None else rig.camera.https_url
 
 
 def write_config(rig: SimRig, folder: Path, *, bus: str, password: str) -> Path:
@@ -84,15 +89,18 @@ def write_config(rig: SimRig, folder: Path, *, bus: str, password: str) -> Path:
 
 
 def _config(rig: SimRig, bus: str) -> dict[str, object]:
+    certificate = rig.camera.certificate
+    pinned = {} if certificate is None else {"certificate_sha256": certificate.sha256}
     return {
         "rig": RIG,
         "calibration": "rig.yaml",
         "fisheye": {"source": "http", "url": rig.fisheye_url, "latency_s": rig.settings.fisheye_latency_s},
         "ptz": {
-            "url": rig.camera_url,
+            "url": ptz_url(rig),
             "user": rig.settings.user,
             "password_file": "password",
             "size_px": list(rig.settings.ptz_size_px),
+            **pinned,
         },
         "bus": {"listen": [bus]},
         "log": {"directory": "log", "min_free_bytes": 200_000_000},

@@ -12,7 +12,7 @@ import hmac
 import re
 import struct
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum, StrEnum
 
 FAILURES_PER_S = 20
@@ -111,6 +111,14 @@ class Gate:
         """Make every nonce given out so far stale, as a restart of the server does."""
         self._secret = hashlib.sha256(self._secret).digest()
 
+    def shut(self, t_s: float) -> None:
+        """Close the door for everybody, as after too many failures."""
+        self._closed_until_s = t_s + BLOCK_S
+
+    def appoint(self, name: str, role: Role, *, ptz: bool) -> None:
+        """Give an account another role."""
+        self._users[name] = replace(self._users[name], role=role, ptz=ptz)
+
     def check(self, t_s: float, *, method: str, target: str, authorization: str | None, secure: bool) -> Verdict:
         """Judge one request; ``target`` is the raw request target that a digest has signed."""
         if t_s < self._closed_until_s:
@@ -139,7 +147,7 @@ class Gate:
         while self._failures[0] < t_s - 1.0:
             self._failures.popleft()
         if len(self._failures) > FAILURES_PER_S:
-            self._closed_until_s = t_s + BLOCK_S
+            self.shut(t_s)
             self._failures.clear()
 
     def _challenges(self, t_s: float, schemes: tuple[str, ...], *, stale: bool) -> tuple[str, ...]:

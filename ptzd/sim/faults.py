@@ -7,14 +7,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
 from fnmatch import fnmatchcase
-from pathlib import Path
 from typing import Annotated, Literal
 
-import msgspec
-import yaml
 from msgspec import Meta, Struct
-
-from ptzd.errors import SimulationError
 
 
 class FaultKind(StrEnum):
@@ -52,6 +47,12 @@ class FaultKind(StrEnum):
     """The camera restarts: refused connections, then 503, then ready; the head re-homes."""
     FOREIGN_MOVE = "foreign_move"
     """Another user moves the head to `pan`, `tilt`, `zoom`."""
+    PRESET = "preset"
+    """Another user goes to the preset `name`."""
+    ROLE = "role"
+    """The daemon's account becomes `value`: viewer (without the PTZ right), operator or administrator."""
+    GUESSES = "guesses"
+    """Somebody guesses passwords: the throttle closes the door for everybody, for 10 s."""
     RECALIBRATE = "recalibrate"
     """The head drives into its stops and comes back."""
     KNOCK = "knock"
@@ -64,7 +65,7 @@ class FaultKind(StrEnum):
 
 ONCE_KINDS = frozenset({
     FaultKind.UNPLUG, FaultKind.REBOOT, FaultKind.FOREIGN_MOVE, FaultKind.RECALIBRATE, FaultKind.KNOCK,
-    FaultKind.FORGET_NONCES, FaultKind.PARAMETER,
+    FaultKind.FORGET_NONCES, FaultKind.PARAMETER, FaultKind.PRESET, FaultKind.ROLE, FaultKind.GUESSES,
 })  # fmt: skip
 """Happen once at their time."""
 PICTURE_KINDS = frozenset({FaultKind.STALL, FaultKind.TRUNCATE, FaultKind.SHORT, FaultKind.CORRUPT, FaultKind.CUT})
@@ -154,21 +155,6 @@ class FaultBox:
         due = [armed for armed in self._armed if armed.fault.kind in ONCE_KINDS and now_s >= armed.start_s]
         self._armed = [armed for armed in self._armed if armed not in due]
         return [armed.fault for armed in due]
-
-
-def read_script(path: str) -> list[Fault]:
-    """Read a fault script: a YAML list of mappings with the fields of :class:`Fault`.
-
-    Raises
-    ------
-    SimulationError
-        With the path of the culprit.
-    """
-    try:
-        document = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-        return msgspec.convert(document, list[Fault])
-    except (OSError, yaml.YAMLError, msgspec.ValidationError) as error:
-        raise SimulationError(f"{path}: {error}") from error
 
 
 def garbled(text: str) -> str:

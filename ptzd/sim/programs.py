@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from ptzd.sim.auth import Gate
+from ptzd.sim.auth import Gate, Role, User
 from ptzd.sim.faults import Fault, FaultBox, FaultKind
 from ptzd.sim.head import MoveTo
 from ptzd.sim.unit import Unit
 from ptzd.sim.wire import Network
 
+ANOTHER_USER = User(name="another user", password="")
 HEARTBEAT_S = 0.05
 """How often the programs look at the time."""
 
@@ -59,11 +60,18 @@ class Programs:
             case FaultKind.REBOOT:
                 self._reboot()
             case FaultKind.FOREIGN_MOVE:
-                self._unit.force(MoveTo(pan=fault.pan, tilt=fault.tilt, zoom=fault.zoom), "another user")
+                self._unit.force(MoveTo(pan=fault.pan, tilt=fault.tilt, zoom=fault.zoom), ANOTHER_USER.name)
             case FaultKind.KNOCK:
                 self._unit.head.shift_zero(now_s, fault.pan or 0.0, fault.tilt or 0.0)
             case FaultKind.FORGET_NONCES:
                 self._gate.forget_nonces()
+            case FaultKind.PRESET:
+                self._unit.go_preset(self._unit.preset_number(fault.name) or 0, ANOTHER_USER)
+            case FaultKind.ROLE:
+                role = Role[fault.value.upper()]
+                self._gate.appoint(self._unit.settings.user, role, ptz=role > Role.VIEWER)
+            case FaultKind.GUESSES:
+                self._gate.shut(now_s)
             case FaultKind.PARAMETER:
                 self._unit.parameters[fault.name] = fault.value
             case _:

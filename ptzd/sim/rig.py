@@ -11,12 +11,13 @@ from types import TracebackType
 from ptzd.geometry.unified import UnifiedCamera
 from ptzd.sim.camera import AxisCamera
 from ptzd.sim.clock import SimClock, WallClock
-from ptzd.sim.faults import Fault, read_script
+from ptzd.sim.faults import Fault
 from ptzd.sim.fisheye import FisheyeCamera
 from ptzd.sim.imager import fisheye_picture
 from ptzd.sim.profile import profile
 from ptzd.sim.rig_truth import Direction, calibration_text, direction, fisheye_camera, head_model
 from ptzd.sim.scene import Scene, load_scene
+from ptzd.sim.script import Script, read_script
 from ptzd.sim.settings import SimSettings
 from ptzd.sim.truth_http import TruthServer, arm
 
@@ -55,14 +56,19 @@ class SimRig:
     def __init__(self, settings: SimSettings, *, scene: Scene | None = None, clock: SimClock | None = None) -> None:
         self.settings = settings
         self.clock = clock or WallClock()
-        self.profile = profile(settings.profile)
-        self.head = head_model(settings.mount or self.profile.mount, self.profile)
+        self._shape()
         self._loaded = scene
         self._stack = AsyncExitStack()
 
+    def _shape(self) -> None:
+        self.profile = profile(self.settings.profile)
+        self.head = head_model(self.settings.mount or self.profile.mount, self.profile)
+
     async def __aenter__(self) -> SimRig:
-        settings, run = self.settings, asyncio.get_running_loop().run_in_executor
-        script = await run(None, read_script, settings.faults) if settings.faults else []
+        run = asyncio.get_running_loop().run_in_executor
+        script = await run(None, read_script, self.settings.faults) if self.settings.faults else Script()
+        self.settings = settings = script.applied(self.settings)
+        self._shape()
         self.scene = await run(None, load_scene, settings.scene) if self._loaded is None else self._loaded
         self.fisheye_camera = fisheye_camera(self.scene.camera, settings.fisheye_size_px)
         draw = partial(fisheye_picture, self.scene, self.fisheye_camera)
@@ -72,7 +78,7 @@ class SimRig:
             fisheye = FisheyeCamera(settings, draw, self.fisheye_camera, self.clock)
             self.fisheye = await stack.enter_async_context(fisheye)
             self.truth = await stack.enter_async_context(self._truth_server())
-            for fault in script:
+            for fault in script.faults:
                 self.inject(fault)
             self._stack = stack.pop_all()
         return self

@@ -26,6 +26,7 @@ import msgspec
 from aiohttp import web
 
 from ptzd.errors import SimulationError
+from ptzd.sim.auth import Role
 from ptzd.sim.camera import AxisCamera
 from ptzd.sim.faults import FISHEYE_KINDS, Fault, FaultKind
 from ptzd.sim.fisheye import FisheyeCamera
@@ -179,18 +180,25 @@ class TruthServer:
         return _json({})
 
 
+ROLES = tuple(role.name.lower() for role in Role)
+
+
 def arm(fault: Fault, camera: AxisCamera, fisheye: FisheyeCamera) -> None:
     """Give a fault to its device.
 
     Raises
     ------
     SimulationError
-        When that device cannot have it, or the parameter to be set does not exist.
+        When that device cannot have it, or the parameter, preset or role that it names does not exist.
     """
     if fault.device == "fisheye" and fault.kind not in FISHEYE_KINDS:
         raise SimulationError(f"kind: a fisheye cannot have {fault.kind.value!r}; it can have {_names(FISHEYE_KINDS)}")
     if fault.kind is FaultKind.PARAMETER and fault.name not in camera.unit.parameters:
         raise SimulationError(f"name: the camera has no parameter {fault.name!r}; param.cgi lists them")
+    if fault.kind is FaultKind.PRESET and camera.unit.preset_number(fault.name) is None:
+        raise SimulationError(f"name: the camera has no preset {fault.name!r}")
+    if fault.kind is FaultKind.ROLE and fault.value not in ROLES:
+        raise SimulationError(f"value: {fault.value!r} is no role; there are {', '.join(ROLES)}")
     box = fisheye.faults if fault.device == "fisheye" else camera.faults
     box.add(fault, camera.unit.clock.now_s())
 

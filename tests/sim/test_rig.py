@@ -2,22 +2,26 @@
 
 import asyncio
 import math
+from pathlib import Path
 
 import aiohttp
 import cv2
 import numpy as np
 import pytest
+from msgspec import UNSET
 
 from ptzd.calibration.file import read_rig
 from ptzd.errors import SimulationError
 from ptzd.geometry.types import pixel_angle_rad
 from ptzd.model import HeadReading
+from ptzd.sim.auth import Role
 from ptzd.sim.faults import Fault, FaultKind
 from ptzd.sim.optics import camera_at
 from ptzd.sim.profile import PROFILES
 from ptzd.sim.rig import SimRig, serve
 from ptzd.sim.rig_truth import calibration_text, direction, fisheye_camera, head_model
 from ptzd.sim.scene import load_scene
+from ptzd.sim.script import CameraChanges, read_script
 from ptzd.sim.settings import CalibrationError, SimSettings
 
 
@@ -184,7 +188,46 @@ async def test_a_script_of_faults_is_played(start, tmp_path):
             pass
 
 
+EXAMPLE = Path(__file__).parents[2] / "config" / "faults.example.yaml"
+
+
+def test_the_example_shows_every_key_and_every_kind_of_fault():
+    script = read_script(str(EXAMPLE))
+    assert {fault.kind for fault in script.faults} == set(FaultKind)
+    assert not [name for name in CameraChanges.__struct_fields__ if getattr(script.camera, name) is UNSET]
+
+
+async def test_the_example_makes_the_camera_that_it_describes(start):
+    visitor = await start(faults=str(EXAMPLE))
+    rig = visitor.rig
+    assert (rig.camera.unit.profile.name, rig.camera.unit.settings.role) == ("dome", Role.OPERATOR)
+    assert rig.camera.certificate is not None
+    assert rig.camera.unit.limits["MinTilt"] == "-110"
+
+
+async def test_a_preset_a_role_and_guesses_by_script(start, tmp_path):
+    script = tmp_path / "faults.yaml"
+    script.write_text("camera: {role: operator, profile: inverted}\nfaults: []\n")
+    visitor = await start(faults=str(script), rate=5.0)
+    await visitor.ptz(pan=20)
+    await visitor.rest()
+    visitor.rig.inject(Fault(kind=FaultKind.PRESET, name="Home"))
+    await visitor.until(lambda: len(visitor.rig.camera.unit.orders) == 2)
+    await visitor.rest()
+    assert (await visitor.position())["pan"] == 0
+    visitor.rig.inject(Fault(kind=FaultKind.ROLE, value="viewer"))
+    while (await visitor.ptz(query="position")).status != 403:
+        pass
+    visitor.rig.inject(Fault(kind=FaultKind.ROLE, value="operator"))
+    while (await visitor.ptz(query="position")).status != 200:
+        pass
+    visitor.rig.inject(Fault(kind=FaultKind.GUESSES))
+    while (await visitor.get("/axis-cgi/param.cgi", action="list")).status != 403:
+        pass
+
+
 @pytest.mark.parametrize("text", [
+    "camera: {profile: 7}", "camera: {colour: red}", "camera: {role: god}", "7",
     "- {kind: nonsense}", "- {kind: stall, forever: 1}", "x: [", "- {kind: stall, at_s: -1}",
     "- {kind: stall, device: microphone}",
 ])  # fmt: skip
@@ -198,6 +241,8 @@ async def test_a_wrong_script_is_refused_with_its_path(tmp_path, room, text):
 @pytest.mark.parametrize(("fault", "culprit"), [
     (Fault(kind=FaultKind.KNOCK, device="fisheye"), "knock"),
     (Fault(kind=FaultKind.PARAMETER, name="PTZ.Nonsense"), "PTZ.Nonsense"),
+    (Fault(kind=FaultKind.PRESET, name="Nowhere"), "Nowhere"),
+    (Fault(kind=FaultKind.ROLE, value="god"), "viewer, operator, administrator"),
 ])  # fmt: skip
 async def test_a_fault_that_a_device_cannot_have_is_refused(visitor, fault, culprit):
     with pytest.raises(SimulationError, match=culprit):
