@@ -13,9 +13,11 @@ from mcap.opcode import Opcode
 from ptzd.app.fingerprint import fingerprint
 from ptzd.app.loading import checked_rig, load_config
 from ptzd.config import parse_config
-from ptzd.errors import CalibrationError
+from ptzd.errors import CalibrationError, LogError
+from ptzd.log.migrations import settings_now
 from ptzd.log.reader import LogReader
 from ptzd.log.records import RecordFile
+from ptzd.log.run import RunInfo
 from ptzd.replay.compare import ACROSS_MACHINES, EXACT, ROUNDING, Tolerance
 from ptzd.replay.drive import Player, Replay
 from ptzd.runtime.perception import ThreadPerception
@@ -54,7 +56,7 @@ def replay(
     cv2.setNumThreads(1)
     with LogReader(path) as reader:
         run = reader.run
-        recorded_config = parse_config(yaml.safe_load(run.config_text), f"{path}: config.yaml")
+        recorded_config = parse_config(_settings(path, run), f"{path}: config.yaml")
         recorded_rig = checked_rig(recorded_config, run.calibration_text, f"{path}: rig.yaml")
         config = recorded_config if config_path is None else load_config(config_path)
         rig = recorded_rig
@@ -101,6 +103,13 @@ def _regime(recorded: Mapping[str, str], *, recompute: bool) -> tuple[str, Toler
     tolerance = ACROSS_MACHINES if recompute else ROUNDING
     limits = f"within {tolerance.deg:g}° and {tolerance.relative:g} of other values"
     return f"{what}, {limits}: the machine that recorded differs in {', '.join(other)}", tolerance
+
+
+def _settings(path: Path, run: RunInfo) -> object:
+    try:
+        return settings_now(yaml.safe_load(run.config_text), run.schema)
+    except (LogError, yaml.YAMLError) as error:
+        raise LogError(f"{path}: config.yaml: {' '.join(str(error).split())}") from None
 
 
 def _text(path: Path) -> str:

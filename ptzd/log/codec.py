@@ -31,16 +31,7 @@ from ptzd.control import events as _events
 from ptzd.control.commands import Command
 from ptzd.control.events import Event
 from ptzd.errors import LogError
-
-SCHEMA_VERSION = 1
-"""Of the events' and commands' fields; written to ``ptzd.run``. One more whenever an older body no longer fits."""
-
-Body = dict[str, object]
-Migration = Callable[[str, Body], tuple[str, Body]]
-"""Turns name and body of one schema version into those of the next."""
-
-MIGRATIONS: Mapping[int, Migration] = {}
-"""By the version they start from."""
+from ptzd.log.migrations import SCHEMA_VERSION, Body, steps_from
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +66,7 @@ def encode(value: Event | Command) -> tuple[str, bytes]:
     return name, msgspec.json.encode(_codec(typing.cast("object", type(value))).encode(value, name))
 
 
-def decode_event(
-    name: str, body: bytes | str, version: int = SCHEMA_VERSION, migrations: Mapping[int, Migration] = MIGRATIONS
-) -> Event:
+def decode_event(name: str, body: bytes | str, version: int = SCHEMA_VERSION) -> Event:
     """Reverse of :func:`encode` for events.
 
     Parameters
@@ -87,23 +76,19 @@ def decode_event(
     body : bytes or str
         JSON object.
     version : int
-        Schema version that the body was written with.
-    migrations : mapping
-        Lead step by step from ``version`` to the present one.
+        Schema version that the body was written with; older ones are led to the present one step by step.
 
     Raises
     ------
     LogError
         Unknown class or field, a missing or impossible value, a version from the future: the message names it.
     """
-    return typing.cast("Event", _decode(EVENTS, "event", name, body, version, migrations))
+    return typing.cast("Event", _decode(EVENTS, "event", name, body, version))
 
 
-def decode_command(
-    name: str, body: bytes | str, version: int = SCHEMA_VERSION, migrations: Mapping[int, Migration] = MIGRATIONS
-) -> Command:
+def decode_command(name: str, body: bytes | str, version: int = SCHEMA_VERSION) -> Command:
     """Reverse of :func:`encode` for commands; parameters and errors as for :func:`decode_event`."""
-    return typing.cast("Command", _decode(COMMANDS, "command", name, body, version, migrations))
+    return typing.cast("Command", _decode(COMMANDS, "command", name, body, version))
 
 
 def _decode(
@@ -112,7 +97,6 @@ def _decode(
     name: str,
     body: bytes | str,
     version: int,
-    migrations: Mapping[int, Migration],
 ) -> object:
     try:
         document = msgspec.json.decode(body)
@@ -120,7 +104,7 @@ def _decode(
         raise LogError(f"{what} {name}: the body is no JSON: {error}") from None
     if not isinstance(document, dict):
         raise LogError(f"{what} {name}: the body must be a JSON object, got {type(document).__name__}")
-    name, document = _migrate(name, document, version, migrations)
+    name, document = _migrate(name, document, version)
     kind = known.get(name)
     if kind is None:
         raise LogError(
@@ -129,13 +113,14 @@ def _decode(
     return _codec(kind).decode(document, name)
 
 
-def _migrate(name: str, body: Body, version: int, migrations: Mapping[int, Migration]) -> tuple[str, Body]:
-    if not 1 <= version <= SCHEMA_VERSION:
-        raise LogError(f"{name}: schema version {version} is not one of 1 to {SCHEMA_VERSION}; use a newer ptzd")
-    for step in range(version, SCHEMA_VERSION):
-        if step not in migrations:
-            raise LogError(f"{name}: no migration leads from schema version {step} to {step + 1}")
-        name, body = migrations[step](name, body)
+def _migrate(name: str, body: Body, version: int) -> tuple[str, Body]:
+    try:
+        for step in steps_from(version):
+            name, body = step.decision(name, body)
+    except LogError as error:
+        raise LogError(f"{name}: {error}") from None
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise LogError(f"{name}: not as schema version {version} has it: {type(error).__name__} {error}") from None
     return name, body
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from ptzd.errors import LogError
-from ptzd.log.codec import SCHEMA_VERSION
+from ptzd.log.migrations import SCHEMA_VERSION
 
 METADATA = "ptzd.run"
 CONFIG = "config.yaml"

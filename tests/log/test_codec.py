@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ptzd.control.commands import Command, PublishFeedback
-from ptzd.control.events import Event, FrameArrived, HeadPolled, Snapshot
+from ptzd.control.events import Event, FrameArrived, Snapshot
 from ptzd.errors import LogError
 from ptzd.log import codec
-from ptzd.model import Box, FrameRef, HeadReading, Motion
+from ptzd.model import Box, FrameRef, HeadReading
 
 POLLED = '{"t_ns": 1, "reading": {"pan_deg": 1, "tilt_deg": 2, "zoom": 3}, "motion": "moving"}'
 INTEGERS = st.integers(-(2**63), 2**63)
@@ -141,21 +141,6 @@ def test_what_cannot_be_read_is_named(name, body, words):
 def test_what_cannot_be_written_is_named(detail):
     with pytest.raises(LogError, match=r"PublishFeedback\.detail"):
         codec.encode(PublishFeedback(id="a", step="note", detail=detail))
-
-
-def test_older_bodies_migrate_step_by_step(monkeypatch):
-    monkeypatch.setattr(codec, "SCHEMA_VERSION", 3)
-    steps = {
-        1: lambda name, body: ("HeadSeen" if name == "Pose" else name, body),
-        2: lambda name, body: ("HeadPolled" if name == "HeadSeen" else name, body | {"motion": "stable"}),
-    }
-    body = '{"t_ns": 4, "reading": {"pan_deg": 1, "tilt_deg": 2, "zoom": 3}}'
-    event = codec.decode_event("Pose", body, 1, steps)
-    assert event == HeadPolled(t_ns=4, reading=HeadReading(pan_deg=1.0, tilt_deg=2.0, zoom=3.0), motion=Motion.STABLE)
-    with pytest.raises(LogError, match="from schema version 2 to 3"):
-        codec.decode_event("Pose", body, 2, {})
-    with pytest.raises(LogError, match="schema version 4"):
-        codec.decode_event("Pose", body, 4, {})
 
 
 def test_a_field_with_a_default_may_be_absent():
