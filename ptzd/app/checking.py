@@ -10,8 +10,9 @@ import numpy as np
 
 from ptzd.app.daemon import open_fisheye
 from ptzd.app.loading import Loaded
-from ptzd.config import Ptz, V4l2Source
+from ptzd.config import Config, HttpSource, Ptz, V4l2Source
 from ptzd.devices.v4l2_list import list_devices
+from ptzd.devices.vapix.credentials import exposure
 from ptzd.devices.vapix.head import VapixHead
 from ptzd.devices.vapix.timing import measure_timing
 from ptzd.errors import ConfigError, DeviceLost
@@ -19,6 +20,8 @@ from ptzd.model import HeadReading
 from ptzd.runtime.clock import SteadyClock
 from ptzd.runtime.frames import jpeg_size_px
 
+MOVING_DEG_S = 30.0
+"""At what speed the pose error of a picture in motion is stated."""
 PICTURE_S = 15.0
 """Both streams start within seconds."""
 
@@ -37,7 +40,16 @@ def check_files(loaded: Loaded) -> list[str]:
         f"fisheye      {rig.fisheye.size_px[0]}×{rig.fisheye.size_px[1]} px, {type(rig.fisheye).__name__}",
         f"ptz          zoom {low:g} to {high:g}, field of view {wide:.1f}° to {narrow:.2f}°",
         f"baseline     {baseline:.3f} {unit}; search band ±{band:.2f}° at the nearest range",
+        *_exposed_passwords(loaded.config),
     ]
+
+
+def _exposed_passwords(config: Config) -> list[str]:
+    files = {"ptz": config.ptz.password_file}
+    if isinstance(config.fisheye, HttpSource):
+        files["fisheye"] = config.fisheye.password_file
+    found = ((name, exposure(path, setting=name)) for name, path in files.items())
+    return [f"{name:12} warning: {warning}" for name, warning in found if warning is not None]
 
 
 async def check_cameras(loaded: Loaded, *, timing: bool) -> list[str]:
@@ -91,7 +103,9 @@ async def _delays(head: VapixHead, start: HeadReading, settings: Ptz) -> list[st
     latency_s, offset_ms = settings.report_lag_s + measured.offset_s, 1000 * measured.offset_s
     return [
         f"ptz          pictures come {offset_ms:+.0f} ± {1000 * measured.sigma_s:.0f} ms against reports: "
-        f"set ptz.image_latency_s to {latency_s:.3f} with ptz.report_lag_s {settings.report_lag_s:g}"
+        f"set ptz.image_latency_s to {latency_s:.3f} with ptz.report_lag_s {settings.report_lag_s:g}",
+        f"ptz          the pose of a picture at rest does not depend on that; in motion at {MOVING_DEG_S:g}°/s it is "
+        f"known to {MOVING_DEG_S * measured.sigma_s:.2f}° (one sigma)",
     ]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import random
 from collections.abc import AsyncIterator, Callable
 from dataclasses import replace
@@ -17,12 +18,14 @@ from ptzd.devices.mjpeg_http import read_mjpeg
 from ptzd.devices.vapix.address import Address
 from ptzd.devices.vapix.answers import accepted
 from ptzd.devices.vapix.client import CameraClient
-from ptzd.devices.vapix.credentials import Credentials, read_credentials
+from ptzd.devices.vapix.credentials import Credentials, exposure, read_credentials
 from ptzd.devices.vapix.feed import Feed
 from ptzd.devices.vapix.requests import Request
 from ptzd.errors import ConfigError, DeviceError, DeviceRefused
 from ptzd.model import FrameRef
 from ptzd.ports import Clock, Picture
+
+LOGGER = logging.getLogger(__name__)
 
 
 class HttpFisheye:
@@ -53,6 +56,8 @@ class HttpFisheye:
 
     async def __aenter__(self) -> Self:
         self._client.use(self._credentials())
+        if (warning := exposure(self._settings.password_file, setting="fisheye")) is not None:
+            LOGGER.warning("%s", warning)
         await self._client.__aenter__()
         return self
 

@@ -125,12 +125,16 @@ def test_scenes_and_profiles_are_listed(capsys) -> None:
 
 def test_check_without_cameras_says_what_the_settings_mean(tmp_path: Path, capsys) -> None:
     (tmp_path / "rig.yaml").write_text(Path(CALIBRATION).read_text())
+    (tmp_path / "secret").write_text("swordfish\n")
+    (tmp_path / "secret").chmod(0o644)
     (tmp_path / "ptzd.yaml").write_text(
         "rig: test\ncalibration: rig.yaml\nfisheye: {source: files, path: pictures}\n"
-        "ptz: {url: 'http://127.0.0.1:9', user: operator}\n"
+        "ptz: {url: 'http://127.0.0.1:9', user: operator, password_file: secret}\n"
     )
     assert entry(["check", "--config", str(tmp_path / "ptzd.yaml")]) == 0
     said = capsys.readouterr().out
+    assert f"warning: ptz.password_file: every user can read {tmp_path / 'secret'} (mode 644)" in said
+    assert "swordfish" not in said
     assert "640×480 px" in said
     assert "baseline     0.512 m" in said
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import stat
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -75,6 +76,33 @@ def read_credentials(
     except OSError as error:
         raise ConfigError(f"{culprit}: cannot read {path}: {error.strerror}") from None
     return Credentials(user=user, password=Secret(_only_line(data, culprit, path)))
+
+
+def exposure(password_file: str | None, *, setting: str) -> str | None:
+    """Warning when every user of this machine can read the password.
+
+    Parameters
+    ----------
+    password_file : str or None
+        As for :func:`read_credentials`; a systemd credential is never exposed.
+    setting : str
+        Part of the settings, for the message.
+
+    Returns
+    -------
+    str or None
+        One sentence with file, mode and cure; None when others cannot read it, or there is no such file.
+    """
+    if password_file is None:
+        return None
+    try:
+        mode = Path(password_file).expanduser().stat().st_mode
+    except OSError:
+        return None
+    if not mode & stat.S_IROTH:
+        return None
+    shown = f"mode {stat.S_IMODE(mode):o}"
+    return f"{setting}.password_file: every user can read {password_file} ({shown}); run chmod 600 {password_file}"
 
 
 def _path(password_file: str | None, culprit: str, environment: Mapping[str, str]) -> Path:

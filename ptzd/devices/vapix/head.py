@@ -15,7 +15,7 @@ from ptzd.config import Limits, Ptz
 from ptzd.devices.vapix.address import Address
 from ptzd.devices.vapix.capabilities import Capabilities, read_capabilities
 from ptzd.devices.vapix.client import CameraClient
-from ptzd.devices.vapix.credentials import Credentials, read_credentials
+from ptzd.devices.vapix.credentials import Credentials, exposure, read_credentials
 from ptzd.devices.vapix.feed import Feed
 from ptzd.devices.vapix.mover import Mover
 from ptzd.devices.vapix.poller import Poller
@@ -98,6 +98,8 @@ class VapixHead:
 
     async def __aenter__(self) -> Self:
         self._client.use(self._credentials())
+        if (warning := exposure(self._settings.password_file, setting="ptz")) is not None:
+            LOGGER.warning("%s", warning)
         await self._client.__aenter__()
         return self
 

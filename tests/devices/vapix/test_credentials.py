@@ -5,7 +5,10 @@ import traceback
 
 import pytest
 
-from ptzd.devices.vapix.credentials import Credentials, Secret, read_credentials
+from ptzd.config import HttpSource, Limits
+from ptzd.devices.http_fisheye import HttpFisheye
+from ptzd.devices.vapix.credentials import Credentials, Secret, exposure, read_credentials
+from ptzd.devices.vapix.head import VapixHead
 from ptzd.errors import ConfigError
 
 
@@ -43,3 +46,31 @@ def test_a_secret_shows_itself_nowhere():
     assert "hunter2" not in f"{credentials} {credentials!r} {credentials.password} {[credentials]}"
     with pytest.raises(TypeError):
         pickle.dumps(credentials.password)
+
+
+@pytest.mark.parametrize(("mode", "told"), [(0o644, True), (0o604, True), (0o600, False), (0o440, False)])
+def test_a_file_that_everybody_can_read_is_named_with_the_cure(tmp_path, mode, told):
+    path = tmp_path / "p"
+    path.write_text("hunter2")
+    path.chmod(mode)
+    warning = exposure(str(path), setting="ptz")
+    assert (warning is not None) is told
+    if warning is not None:
+        assert warning.startswith("ptz.password_file: every user can read ")
+        assert f"(mode {mode:o}); run chmod 600 {path}" in warning
+        assert "hunter2" not in warning
+
+
+def test_what_is_not_there_is_not_warned_about(tmp_path):
+    assert exposure(None, setting="ptz") is None
+    assert exposure(str(tmp_path / "nowhere"), setting="ptz") is None
+
+
+@pytest.mark.parametrize("mode", [0o644, 0o600])
+async def test_it_is_said_when_a_camera_is_opened(camera, settings_for, clock, password_file, caplog, mode):
+    password_file.chmod(mode)
+    fisheye = HttpSource(url=f"{camera.url}/fisheye.mjpg", user="ptzd", password_file=str(password_file))
+    async with VapixHead(settings_for(camera), Limits(), clock), HttpFisheye(fisheye, clock):
+        pass
+    said = [record.message.partition(":")[0] for record in caplog.records]
+    assert said == (["ptz.password_file", "fisheye.password_file"] if mode == 0o644 else [])
