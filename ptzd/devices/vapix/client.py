@@ -25,7 +25,7 @@ from ptzd.devices.vapix.address import Address
 from ptzd.devices.vapix.answers import Reply
 from ptzd.devices.vapix.auth import Attempt, Authenticator
 from ptzd.devices.vapix.credentials import Credentials
-from ptzd.devices.vapix.failures import ConnectionCut, FailuresNamed, Forbidden, NotOffered, Overloaded
+from ptzd.devices.vapix.failures import ConnectionCut, FailuresNamed, Forbidden, NotOffered, Overloaded, RefusedAccess
 from ptzd.devices.vapix.requests import Request
 from ptzd.errors import DeviceGarbled, DeviceLost, DeviceRefused
 from ptzd.ports import Clock
@@ -70,7 +70,7 @@ class CameraClient:
         self._refusal_pause_s = refusal_pause_s
         self._credentials: Credentials | None = None
         self._auth = self._authenticator(None)
-        self._refusals: dict[str, tuple[DeviceRefused, float]] = {}
+        self._refusals: dict[str, tuple[RefusedAccess, float]] = {}
         self._session: aiohttp.ClientSession | None = None
 
     @property
@@ -168,7 +168,7 @@ class CameraClient:
                 request.method, url, data=data, headers=headers, timeout=patience, allow_redirects=False
             ) as response:
                 if response.status == 401:
-                    self._challenged(attempt, response)
+                    self._challenged(attempt, response, request)
                     continue
                 self._auth.accepted(attempt)
                 if response.status in _REDIRECTS and request.method == "GET":
@@ -196,16 +196,19 @@ class CameraClient:
             if error is not None and now_s < until_s:
                 raise type(error)(str(error))
 
-    def _remember(self, place: str, error: DeviceRefused) -> DeviceRefused:
-        patient = type(error)(f"{error}; asked again after {self._refusal_pause_s:g} s or with another password")
-        self._refusals[place] = (patient, asyncio.get_running_loop().time() + self._refusal_pause_s)
-        return type(error)(str(patient))
+    def _remember(self, place: str, error: RefusedAccess) -> RefusedAccess:
+        self._refusals[place] = (error, asyncio.get_running_loop().time() + self._refusal_pause_s)
+        return type(error)(str(error))
 
-    def _challenged(self, attempt: Attempt | None, response: aiohttp.ClientResponse) -> None:
+    def _refusal(self, request: Request[T], reason: str) -> str:
+        pause = f"asked again after {self._refusal_pause_s:g} s or with another password"
+        return f"{self.origin}{request.name}: {reason}; {pause}"
+
+    def _challenged(self, attempt: Attempt | None, response: aiohttp.ClientResponse, request: Request[T]) -> None:
         try:
             self._auth.challenged(attempt, response.headers.getall("WWW-Authenticate", []))
         except DeviceRefused as error:
-            raise self._remember("", error) from None
+            raise self._remember("", RefusedAccess(self._refusal(request, str(error)))) from None
 
     def _redirected(self, url: URL, response: aiohttp.ClientResponse) -> URL:
         target = url.join(URL(response.headers.get("Location", "")))
@@ -221,8 +224,8 @@ class CameraClient:
             return
         if status == 403:
             user = "" if self._credentials is None else self._credentials.user
-            denied = Forbidden(f"user {user!r} has no right to this page (403); give the account the operator role")
-            raise self._remember(request.path, denied)
+            reason = f"user {user!r} has no right to this page (403); give the account the operator role"
+            raise self._remember(request.path, Forbidden(self._refusal(request, reason)))
         if status in {404, 405}:
             raise NotOffered(f"does not offer this ({status})")
         if status == 503:

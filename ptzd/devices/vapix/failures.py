@@ -32,7 +32,11 @@ class NotOffered(DeviceRefused):
     """The camera does not have this page or does not take this method (404, 405)."""
 
 
-class Forbidden(DeviceRefused):
+class RefusedAccess(DeviceRefused):
+    """The password or a right is refused; the message already names the page where that was found out."""
+
+
+class Forbidden(RefusedAccess):
     """The account is known but has no right to this page (403)."""
 
 
@@ -59,6 +63,8 @@ class FailuresNamed:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if isinstance(error, RefusedAccess):
+            return
         if isinstance(error, DeviceError):
             error.args = (f"{self._place}: {error}",)
         elif isinstance(error, aiohttp.ServerFingerprintMismatch | aiohttp.ClientSSLError | ssl.SSLError):
