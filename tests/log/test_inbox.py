@@ -31,10 +31,10 @@ def test_order_is_kept():
 
 def test_a_waiting_thread_wakes():
     inbox, taken = Inbox(1), []
-    thread = threading.Thread(target=lambda: taken.append(inbox.take(30.0)))
+    thread = threading.Thread(target=lambda: taken.append(inbox.take(100.0)))
     thread.start()
     inbox.put(Cut())
-    thread.join(10.0)
+    thread.join(100.0)
     assert taken == [Cut()]
 
 
