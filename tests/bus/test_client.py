@@ -167,6 +167,7 @@ async def test_watch_tells_everything(bus, client, raw, result):
     seen: dict[type, object] = {}
     watching = client.watch()
     first = asyncio.ensure_future(anext(watching))
+    await asyncio.sleep(0)  # it declares in its first step
     await client.status()
     bus.publish("pose", {"t_ns": 1, "pan_deg": 2.0, "tilt_deg": 3.0, "zoom": 1.0})
     bus.perform(PublishFeedback(id="a", step="state", detail={"state": "SCAN"}))
