@@ -175,6 +175,8 @@ def system_state(reply: Reply) -> SystemState:
     """``systemready.cgi``."""
     data = _data(reply)
     boot_id = data.get("bootid")
+    if "systemready" not in data:
+        raise DeviceGarbled(f"answer lacks data.systemready: {_shown(reply.text)}")
     return SystemState(ready=data.get("systemready") == "yes", boot_id=boot_id if isinstance(boot_id, str) else None)
 
 
@@ -277,8 +279,8 @@ def _refuse_errors(reply: Reply) -> None:
 
 
 def _refuse_html(reply: Reply) -> None:
-    if "html" in reply.content_type.lower() or reply.text.lstrip()[:5].lower() in {"<html", "<!doc"}:
-        raise DeviceGarbled(f"expected plain text, got HTML: {_shown(reply.text)}")
+    if "html" in reply.content_type.lower() or reply.text.lstrip().startswith("<"):
+        raise DeviceGarbled(f"expected plain text, got HTML or XML: {_shown(reply.text)}")
 
 
 def _shown(text: str) -> str:
