@@ -23,7 +23,7 @@ def main(suite: str, soak_s: str) -> int:
         traceback.print_exc(file=sys.stdout)
         checks.that("the suites ran to their end", holds=False)
     if checks.failed:
-        print(shell("journalctl --no-pager --lines=60 --unit=ptzd --unit=rigsim; dmesg | tail -n 20"))
+        print(shell("journalctl --no-pager --lines=200 --unit=ptzd --unit=rigsim; dmesg | tail -n 20"))
     print(f"{checks.passed} passed, {checks.failed} failed", flush=True)
     return int(checks.failed > 0 or checks.passed == 0)
 
