@@ -22,13 +22,16 @@ if TYPE_CHECKING:
     from ptzd.matching.patch import Patch
     from ptzd.matching.view import WorkingView
 
-WINDOWS = (0.5, 0.3)
+WINDOWS = (0.4,)
 """Sides of the windows, in sides of the box."""
 LEAST_SIDE = 8
 """Grid steps."""
+LEAST_THINNED = 12
+"""Grid steps along the shorter side."""
 CORRELATED = 5.0
 """Samples that carry one independent piece of evidence: the low-pass ties neighbours together."""
-COSTS = (0.0, 2.0, 3.0, 12.0)
+OTHERS_COST = 3.0
+COSTS = (0.0, 2.0, OTHERS_COST, 12.0)
 """Log-likelihood that a window must add to move the answer: stay; slopes and range of its own nearby; the range of any
 candidate of the whole region; any range at all, of which there are many and most windows fit somewhere by chance."""
 MODEL_ERROR = 0.1
@@ -87,7 +90,7 @@ def settle_on_centre(
     """
     place, sigma = outer.place, outer.sigma_rad
     count = len(sigma)
-    gains = _allowed_gains(patch, view, arc, place)
+    gains = np.sort(np.stack([outer.gain / GAIN_SPAN, outer.gain * GAIN_SPAN]), axis=0)
     own = np.tile(place.planes @ arc.rotated, (count, 1))
     anywhere = np.tile(ranges, (count, 1))
     for share in WINDOWS:
@@ -95,14 +98,33 @@ def settle_on_centre(
         if window is None:
             break
         look = Look(window=window, view=view, arc=arc, noise=bounds.noise, gains=gains)
-        start = place.join(look.best_range(place, own)).join(look.best_range(place, anywhere))
+        quick = replace(look, window=_thinned(window))
+        costs = [cost for cost in COSTS if count > 1 or cost != OTHERS_COST]
+        start = place if count == 1 else place.join(quick.best_range(place, own))
+        start = start.join(quick.best_range(place, anywhere))
         tried = refine(window, view, arc, start, bounds, ITERATIONS, hold=True)
         everything = place.join(tried.place)
-        evidence = look.evidence(everything).reshape(len(COSTS), count) - np.array(COSTS)[:, None]
+        evidence = look.evidence(everything).reshape(len(costs), count) - np.array(costs)[:, None]
         pick = np.argmax(evidence, axis=0) * count + np.arange(count)
         sigma = np.concatenate([sigma, tried.sigma_rad])[pick]
         place = everything.take(pick)
     return place, sigma
+
+
+def _thinned(window: Patch) -> Patch:
+    """Every second sample both ways of a window that has plenty: enough to choose a range to start from."""
+    rows, columns = window.shape
+    if min(window.shape) < LEAST_THINNED:
+        return window
+    index = (np.arange(0, rows, 2)[:, None] * columns + np.arange(0, columns, 2)).ravel()
+    weight = window.weight[index]
+    return replace(
+        window,
+        grey=window.grey[index],
+        rays=window.rays[index],
+        weight=weight / weight.sum(),
+        shape=(-(-rows // 2), -(-columns // 2)),
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -147,13 +169,6 @@ class Look:
         _, residual = photometric(weight, samples.grey, self.window.grey, (low, high))
         trusted = weight / (1.0 + residual * residual / width)
         _, residual = photometric(trusted, samples.grey, self.window.grey, (low, high))
-        lost = np.einsum("kn,kn->k", weight, np.log1p(residual * residual / width)) / np.maximum(total, 1e-9)
+        lost = np.einsum("kn,kn->k", weight, np.log(1.0 + residual * residual / width)) / np.maximum(total, 1e-9)
         independent = 1.0 / float((self.window.weight**2).sum()) / CORRELATED
         return np.where(total > 0.5, -independent * lost, -np.inf)
-
-
-def _allowed_gains(patch: Patch, view: WorkingView, arc: EpipolarArc, place: Place) -> Floats:
-    """Least and greatest gain of a window, (2, k): near the whole region's: light and camera are the same."""
-    samples = view.sample(place.warps(arc), patch.rays)
-    gain, _ = photometric(samples.inside * patch.weight, samples.grey, patch.grey)
-    return np.sort(np.stack([gain / GAIN_SPAN, gain * GAIN_SPAN]), axis=0)

@@ -22,8 +22,9 @@ from ptzd.matching.arrays import Floats, Index, Mask
 from ptzd.matching.corners import harris_corners
 from ptzd.matching.hypotheses import turns
 from ptzd.matching.noise import noise_sigma, texture_ratio
-from ptzd.matching.patch import Patch, cut_patch, pixel_angle, step_for
+from ptzd.matching.patch import MARGIN_PX, Patch, cut_patch, step_for
 from ptzd.matching.place import Place, box_in_view, make_grid, peaks, separate
+from ptzd.matching.rays import RayField
 from ptzd.matching.view import WorkingView, prepare_view, view_pixel_angle
 from ptzd.model import Candidate
 
@@ -83,14 +84,13 @@ def harris(inputs: MatchInputs) -> tuple[float, tuple[Candidate, ...], tuple[flo
         how many digits the inlier count lies above chance, over `REPORTED_DIGITS`.
     """
     rig, box = inputs.rig, inputs.box
-    centre, valid = rig.fisheye.lift(np.array(box.centre))
-    if not valid:
+    field = RayField.of(rig.fisheye, box, MARGIN_PX)
+    if not field.seen:
         return 0.0, (), (0.0, 0.0)
-    arc = EpipolarArc.of(rig, centre, *inputs.inverse_range)
+    arc = EpipolarArc.of(rig, field.centre, *inputs.inverse_range)
     camera = rig.camera(inputs.reading)
-    pixel = pixel_angle(rig.fisheye, box.centre)
-    step = step_for(box, GRID_SIDE, max(1, int(view_pixel_angle(camera) / pixel)))
-    patch = cut_patch(inputs.fisheye_grey, rig.fisheye, rig.head_from_fisheye_rotation, box, step, pixel)
+    step = step_for(box, GRID_SIDE, max(1, int(view_pixel_angle(camera) / field.pixel_rad)))
+    patch = cut_patch(inputs.fisheye_grey, field, rig.head_from_fisheye_rotation, box, step)
     texture = texture_ratio(patch.grey.reshape(patch.shape), noise_sigma(inputs.fisheye_grey) / patch.step_px)
     camera_from_head = rig.head_from_camera(inputs.reading).T
     view = prepare_view(inputs.view_grey, camera, camera_from_head, patch.angle_rad, oversampling=1.0)
@@ -106,7 +106,8 @@ def harris(inputs: MatchInputs) -> tuple[float, tuple[Candidate, ...], tuple[flo
         best = best.join(_best_triple(pairing, arc, start, k, rng))
     for _ in range(OPTIMISATIONS):
         best = _optimised(pairing, arc, best)
-    return texture, _candidates(inputs, pairing, arc, best, patch.angle_rad, len(grid.cell)), grid.coverage
+    candidates = _candidates(inputs, field.corners, pairing, arc, best, patch.angle_rad, len(grid.cell))
+    return texture, candidates, grid.coverage
 
 
 def _pair(patch: Patch, view: WorkingView) -> Pairing:
@@ -169,7 +170,7 @@ def _plausible(planes: Array, arc: EpipolarArc, rays: Array) -> Mask:
 
 
 def _turn(arc: EpipolarArc, place: Place) -> Array:
-    return np.asarray(turns(arc, place.planes @ arc.rotated, place.offset, place.roll)[0])
+    return np.asarray(turns(arc, place.planes @ arc.rotated, place.offset, place.roll).rotation[0])
 
 
 def _distances(pairing: Pairing, arc: EpipolarArc, place: Place) -> Array:
@@ -207,7 +208,13 @@ def _optimised(pairing: Pairing, arc: EpipolarArc, place: Place) -> Place:
 
 
 def _candidates(
-    inputs: MatchInputs, pairing: Pairing, arc: EpipolarArc, place: Place, step_rad: float, tried: int
+    inputs: MatchInputs,
+    corners: Array,
+    pairing: Pairing,
+    arc: EpipolarArc,
+    place: Place,
+    step_rad: float,
+    tried: int,
 ) -> tuple[Candidate, ...]:
     distances = _distances(pairing, arc, place)
     matches = [_matches(distance, pairing.tolerance_px) for distance in distances]
@@ -227,7 +234,7 @@ def _candidates(
     )
     sigma = step_rad * np.maximum(residual / pairing.view.pixels_per_step, 0.3) / np.sqrt(np.maximum(inliers - 3, 1))
     pan, tilt = pan_tilt(place.bearings(arc))
-    boxes = box_in_view(inputs, place, arc)
+    boxes = box_in_view(inputs, corners, place, arc)
     return tuple(
         Candidate(
             pan_rad=float(pan[k]),

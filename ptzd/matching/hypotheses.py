@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ptzd.geometry.plane import homography
-from ptzd.geometry.sphere import cross, normalise
+from ptzd.geometry.sphere import normalise
 
 if TYPE_CHECKING:
     from ptzd.geometry.arc import EpipolarArc
@@ -18,31 +18,50 @@ _DENSE = 257
 
 
 def skew(vectors: Array) -> Array:
-    """Return the cross-product matrices (k, 3, 3) of vectors (k, 3)."""
-    matrices = np.zeros((len(vectors), 3, 3))
-    matrices[:, 2, 1], matrices[:, 0, 2], matrices[:, 1, 0] = vectors.T
-    matrices -= matrices.transpose(0, 2, 1)
+    """Return the cross-product matrices (..., 3, 3) of vectors (..., 3)."""
+    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
+    matrices = np.zeros((*vectors.shape, 3))
+    matrices[..., 2, 1], matrices[..., 0, 2], matrices[..., 1, 0] = x, y, z
+    matrices[..., 1, 2], matrices[..., 2, 0], matrices[..., 0, 1] = -x, -y, -z
     return matrices
 
 
-def turns(arc: EpipolarArc, inverse_range: Array, offset: Array, roll: Array) -> Array:
-    """Return rotations (k, 3, 3): the roll about the arc's point, then the offset across the arc, rad."""
-    return turns_at(_points(arc, inverse_range), arc.normal, offset, roll)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Turned:
+    """Rotations at k points of the arc: the roll about the point, then the offset across the arc."""
+
+    axes: Array
+    """(k, 3, 3) rows: the point p, the arc's normal n, p x n."""
+    turned: Array
+    """(k, 3, 3) rows: where the rotation takes the axes; the first is the bearing of the box's centre."""
+
+    @property
+    def rotation(self) -> Array:
+        """The rotations (k, 3, 3)."""
+        return np.asarray(self.turned.transpose(0, 2, 1) @ self.axes)
 
 
-def turns_at(points: Array, normal: Array, offset: Array, roll: Array) -> Array:
-    """Return the rotations of `turns` for points (k, 3) of the arc with its normal (3,): Rodrigues, twice.
+def turns(arc: EpipolarArc, inverse_range: Array, offset: Array, roll: Array) -> Turned:
+    """Return the rotations at inverse ranges (k,) with offsets and rolls (k,), rad."""
+    points = _points(arc, inverse_range)
+    axes = np.empty((len(points), 3, 3))
+    axes[:, 0], axes[:, 1], axes[:, 2] = points, arc.normal, points @ _crossing(arc.normal)
+    mix = np.zeros_like(axes)
+    sine, cosine = np.sin(offset), np.cos(offset)
+    mix[:, 0, 0], mix[:, 0, 1] = cosine, sine
+    if roll.any():
+        roll_sine, roll_cosine = np.sin(roll), np.cos(roll)
+        mix[:, 1, 0], mix[:, 1, 1], mix[:, 1, 2] = -roll_cosine * sine, roll_cosine * cosine, roll_sine
+        mix[:, 2, 0], mix[:, 2, 1], mix[:, 2, 2] = roll_sine * sine, -roll_sine * cosine, roll_cosine
+    else:
+        mix[:, 1, 0], mix[:, 1, 1], mix[:, 2, 2] = -sine, cosine, 1.0
+    return Turned(axes=axes, turned=mix @ axes)
 
-    The offset turns in the plane of point p and normal n: ``I + sin (n pᵀ - p nᵀ) + (cos - 1)(p pᵀ + n nᵀ)``.
-    """
-    outer = normal[:, None] * points[:, None, :]
-    own = points[:, :, None] * points[:, None, :]
-    sine, lost = np.sin(offset)[:, None, None], (np.cos(offset) - 1.0)[:, None, None]
-    turn = np.eye(3) + sine * (outer - outer.transpose(0, 2, 1)) + lost * (own + normal[:, None] * normal)
-    if not roll.any():
-        return np.asarray(turn)
-    sine, cosine = np.sin(roll)[:, None, None], np.cos(roll)[:, None, None]
-    return np.asarray(turn @ (cosine * np.eye(3) + sine * skew(points) + (1.0 - cosine) * own))
+
+def _crossing(vector: Array) -> Array:
+    """Matrix (3, 3) that takes the row x to ``x x vector``."""
+    x, y, z = vector.tolist()
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def _points(arc: EpipolarArc, inverse_range: Array) -> Array:
@@ -64,21 +83,26 @@ def warps(arc: EpipolarArc, planes: Array, offset: Array, roll: Array) -> Array:
     roll : float64 (k,)
         About the line of sight, rad: likewise.
     """
-    return np.asarray(turns(arc, planes @ arc.rotated, offset, roll) @ homography(arc.translation, planes))
+    rotation = turns(arc, planes @ arc.rotated, offset, roll).rotation
+    return np.asarray(rotation + (rotation @ arc.translation)[:, :, None] * planes[:, None, :])
 
 
-def motions(arc: EpipolarArc, planes: Array, offset: Array, roll: Array, warp: Array) -> tuple[Array, Array, Array]:
-    """Return how the warped rays change at a warp that these parameters gave.
+def motions(arc: EpipolarArc, planes: Array, offset: Array, roll: Array) -> tuple[Array, Array]:
+    """Return warps and how the warped rays change with the parameters.
 
     Returns
     -------
-    (float64 (k, 3), float64 (k, 3, 3), float64 (k, 3, 3))
-        Change per inverse range of a ray; matrices that give the change per offset and per roll from the ray.
+    (float64 (k, 3, 3, 3), float64 (k, 3))
+        Three matrices each: the warp, the change per offset and per roll of the ray it is applied to; change per
+        inverse range of a ray.
     """
-    points = _points(arc, planes @ arc.rotated)
-    aimed = np.cos(offset)[:, None] * points + np.sin(offset)[:, None] * arc.normal
-    along = turns_at(points, arc.normal, offset, roll) @ arc.translation
-    return along, skew(cross(points, arc.normal)) @ warp, skew(aimed) @ warp
+    turn = turns(arc, planes @ arc.rotated, offset, roll)
+    rotation = turn.rotation
+    along = np.asarray(rotation @ arc.translation)
+    matrices = np.empty((len(along), 3, 3, 3))
+    matrices[:, 0] = rotation + along[:, :, None] * planes[:, None, :]
+    matrices[:, 1:] = skew(np.stack([turn.axes[:, 2], turn.turned[:, 0]], axis=1)) @ matrices[:, :1]
+    return matrices, along
 
 
 def bearings(arc: EpipolarArc, planes: Array, offset: Array) -> Array:
@@ -90,7 +114,8 @@ def bearings(arc: EpipolarArc, planes: Array, offset: Array) -> Array:
 def speed(arc: EpipolarArc, inverse_range: Array) -> Array:
     """Return the angle that the centre moves per unit of inverse range, (k,)."""
     point = arc.rotated + inverse_range[:, None] * arc.translation
-    sine = float(np.linalg.norm(cross(arc.rotated, arc.translation)))
+    along = float(arc.rotated @ arc.translation)
+    sine = math.sqrt(max(float(arc.translation @ arc.translation) - along * along, 0.0))
     return np.asarray(sine / np.maximum((point * point).sum(axis=1), 1e-12))
 
 

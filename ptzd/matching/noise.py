@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 
@@ -43,8 +45,8 @@ def noise_sigma(grey: Grey) -> float:
         return SIGMA_FLOOR
     stacked = usable.reshape(-1, tiles.shape[2])
     response = cv2.filter2D(stacked, cv2.CV_32F, _KERNEL).reshape(usable.shape)[:, 1:-1, 1:-1]
-    sigmas = np.sqrt((response * response).mean(axis=(1, 2))) / 6.0
-    return max(float(np.quantile(sigmas, 0.2)), SIGMA_FLOOR)
+    powers = np.sort((response * response).mean(axis=(1, 2)))
+    return max(math.sqrt(float(powers[len(powers) // 5])) / 6.0, SIGMA_FLOOR)
 
 
 def texture_ratio(patch: Floats, sigma: float) -> float:
@@ -64,10 +66,11 @@ def texture_ratio(patch: Floats, sigma: float) -> float:
         the smoothing leaves; 0 for pure noise. Below 1 no matcher can tell this region from another.
     """
     smooth = cv2.GaussianBlur(patch, (0, 0), 1.0, borderType=cv2.BORDER_REFLECT_101)
-    height, width = smooth.shape
-    y, x = np.mgrid[0:height, 0:width]
-    design = np.stack([np.ones(x.size), x.ravel() - x.mean(), y.ravel() - y.mean()], axis=1)
-    solution, *_ = np.linalg.lstsq(design, smooth.ravel().astype(np.float64), rcond=None)
-    variance = float(np.mean((smooth.ravel() - design @ solution) ** 2))
-    left = sigma / np.sqrt(4 * np.pi)
-    return float(np.sqrt(max(variance - left * left, 0.0)) / left)
+    smooth = smooth - smooth.mean()
+    variance = float(np.mean(smooth * smooth))
+    # the two ramps are orthogonal on a grid: each takes its own share
+    for profile in (smooth.mean(axis=0), smooth.mean(axis=1)):
+        ramp = np.arange(len(profile)) - (len(profile) - 1) / 2
+        variance -= float(profile @ ramp) ** 2 / float(ramp @ ramp) / len(profile)
+    left = sigma / math.sqrt(4 * math.pi)
+    return math.sqrt(max(variance - left * left, 0.0)) / left

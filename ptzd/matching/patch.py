@@ -12,13 +12,16 @@ import numpy as np
 from ptzd.matching.arrays import Floats, Grey, Mask
 
 if TYPE_CHECKING:
-    from ptzd.geometry.types import Array, CameraModel
+    from ptzd.geometry.types import Array
+    from ptzd.matching.rays import RayField
     from ptzd.model import Box
 
 SMOOTHING = 0.5
 """Sigma of the low-pass laid over both pictures before they are compared, in grid steps."""
 CENTRE_WEIGHT = 0.75
 """Sigma of the centre weighting, in half sides of the box: the set point belongs to the centre."""
+MARGIN_PX = 10.0
+"""Around the box within which its grids lie, as a rule."""
 LEAST_SIDE_PX = 14.0
 """Smaller boxes borrow a rim from their surroundings, in grid steps."""
 
@@ -41,35 +44,26 @@ class Patch:
     """Angle of one grid step at the box's centre."""
 
 
-def pixel_angle(camera: CameraModel, centre: tuple[float, float]) -> float:
-    """Angle of one pixel of a camera around a place, geometric mean of both directions, rad."""
-    x, y = centre
-    rays, _ = camera.lift(np.array([[x - 0.5, y], [x + 0.5, y], [x, y - 0.5], [x, y + 0.5]]))
-    return math.sqrt(float(np.linalg.norm(np.cross(rays[1] - rays[0], rays[3] - rays[2]))))
-
-
 def step_for(box: Box, most_side: int, least_step: int) -> int:
     """Fisheye pixels per grid step so that the longer side has at most ``most_side`` steps."""
     return max(least_step, math.ceil(max(box.w, box.h) / most_side - 1e-6))
 
 
-def cut_patch(grey: Grey, camera: CameraModel, rotation: Array, box: Box, step: int, pixel_rad: float) -> Patch:
+def cut_patch(grey: Grey, field: RayField, rotation: Array, box: Box, step: int) -> Patch:
     """Sample a box of the fisheye.
 
     Parameters
     ----------
     grey : uint8 (h, w)
         The fisheye picture.
-    camera : CameraModel
-        Of the fisheye.
+    field : RayField
+        Rays of the box.
     rotation : float64 (3, 3)
         ``head_from_fisheye`` rotation.
     box : Box
         The region, fisheye px; parts outside the picture or the image circle get weight 0.
     step : int
         Fisheye pixels per grid step; more than 1 averages over the pixels of a step.
-    pixel_rad : float
-        Angle of a fisheye pixel at the box's centre (`pixel_angle`).
 
     Returns
     -------
@@ -82,15 +76,14 @@ def cut_patch(grey: Grey, camera: CameraModel, rotation: Array, box: Box, step: 
     left = round(cx + 0.5 - columns * step / 2)
     top = round(cy + 0.5 - rows * step / 2)
     values, inside = _cells(grey, left, top, columns, rows, step)
-    x = left + (np.arange(columns) + 0.5) * step - 0.5
-    y = top + (np.arange(rows) + 0.5) * step - 0.5
-    pixels = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    rays, valid = camera.lift(pixels)
+    x = left + (np.arange(columns, dtype=np.float64) + 0.5) * step - 0.5
+    y = top + (np.arange(rows, dtype=np.float64) + 0.5) * step - 0.5
+    rays, valid = field.grid(x, y)
     valid = _without_rim(valid & inside.ravel(), rows, columns)
     sigma_x = CENTRE_WEIGHT * max(box.w, columns * step) / 2
     sigma_y = CENTRE_WEIGHT * max(box.h, rows * step) / 2
-    exponent = ((pixels[:, 0] - cx) / sigma_x) ** 2 + ((pixels[:, 1] - cy) / sigma_y) ** 2
-    weight = np.where(valid, np.exp(-0.5 * exponent), 0.0)
+    bell = np.exp(-0.5 * ((y - cy) / sigma_y) ** 2)[:, None] * np.exp(-0.5 * ((x - cx) / sigma_x) ** 2)
+    weight = np.where(valid, bell.ravel(), 0.0)
     total = weight.sum()
     return Patch(
         grey=values.ravel().astype(np.float32),
@@ -98,7 +91,7 @@ def cut_patch(grey: Grey, camera: CameraModel, rotation: Array, box: Box, step: 
         weight=(weight / total if total > 0 else weight).astype(np.float32),
         shape=(rows, columns),
         step_px=step,
-        angle_rad=pixel_rad * step,
+        angle_rad=field.pixel_rad * step,
     )
 
 

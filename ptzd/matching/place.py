@@ -113,22 +113,26 @@ def separate(place: Place, scores: Floats, arc: EpipolarArc, distance_rad: float
     On a degenerate arc (the box's centre at the epipole) every range has the same direction: there it is one place.
     """
     directions = place.bearings(arc)
+    near = directions @ directions.T >= 1.0 - 0.5 * distance_rad * distance_rad
+    taken = np.zeros(len(directions), bool)
     chosen: list[int] = []
     for index in np.argsort(-scores, kind="stable"):
-        if not chosen or np.linalg.norm(directions[chosen] - directions[index], axis=1).min() > distance_rad:
+        if not taken[index]:
             chosen.append(int(index))
+            taken |= near[index]
         if len(chosen) == most:
             break
     return np.array(chosen, dtype=np.intp)
 
 
-def box_in_view(inputs: MatchInputs, place: Place, arc: EpipolarArc) -> list[tuple[tuple[float, float], ...]]:
-    """Return the box's corners through each candidate's homography, px of the view."""
+def box_in_view(
+    inputs: MatchInputs, corners: Array, place: Place, arc: EpipolarArc
+) -> list[tuple[tuple[float, float], ...]]:
+    """Return the box's corners, rays (4, 3) of the fisheye, through each candidate's homography, px of the view."""
     rig = inputs.rig
-    rays, valid = rig.fisheye.lift(np.array([*inputs.box.corners, inputs.box.centre]))
-    rotated = np.where(valid[:4, None], rays[:4], rays[4]) @ rig.head_from_fisheye_rotation.T
-    pixels, _ = rig.project_to_view(np.einsum("kij,nj->kni", place.warps(arc), rotated), inputs.reading)
-    return [tuple((float(x), float(y)) for x, y in corners) for corners in pixels]
+    rotated = corners @ rig.head_from_fisheye_rotation.T
+    pixels, _ = rig.project_to_view(rotated @ place.warps(arc).transpose(0, 2, 1), inputs.reading)
+    return [tuple((x, y) for x, y in four) for four in pixels.tolist()]
 
 
 def _centre_in_view(view: WorkingView, directions: Array) -> Mask:

@@ -47,6 +47,8 @@ class Refined:
     place: Place
     sigma_rad: Array
     """(k,) one sigma of the centre's direction from the residuals."""
+    gain: Floats
+    """(k,) what brings the view's grey values to the patch's, at the last step."""
 
 
 def refine(
@@ -83,15 +85,16 @@ def refine(
     place, precision = start, _prior_precision(start.planes @ arc.rotated, bounds)
     free = 3 if hold else 5
     for _ in range(iterations):
-        warp = place.warps(arc)
-        samples = view.sample(warp, patch.rays)
-        columns = _columns(view, arc, place, warp, samples, coefficients, patch.rays, free)
-        normal, right, scale = _normal_equations(patch, samples, columns, bounds.noise)
-        step, covariance = _solve(normal, right, scale, place, basis, precision[:, :free])
+        matrices, along = motions(arc, place.planes, place.offset, place.roll)
+        samples = view.sample(matrices[:, 0], patch.rays)
+        columns = _columns(view, matrices[:, 1:] if free > 3 else None, along, samples, coefficients, patch.rays)
+        normal, right, scale, gain = _normal_equations(patch, samples, columns, bounds.noise)
+        step, posterior = _solve(normal, right, scale, place, basis, precision[:, :free])
         place = _moved(place, step, basis, arc, bounds, patch.angle_rad)
+    covariance = np.linalg.inv(posterior)
     across = covariance[:, 3, 3] if free > 3 else 0.0
     sigma = np.sqrt(speed(arc, place.planes @ arc.rotated) ** 2 * covariance[:, 0, 0] + across)
-    return Refined(place=place, sigma_rad=sigma)
+    return Refined(place=place, sigma_rad=sigma, gain=gain)
 
 
 def photometric(
@@ -113,15 +116,20 @@ def photometric(
     (float32 (k,), float32 (k, n))
         The gain, and what of the patch is left unexplained.
     """
-    total = np.maximum(weight.sum(axis=1), 1e-9)
     weighted = weight * seen
-    mean_seen = weighted.sum(axis=1) / total
-    mean_wanted = (weight @ wanted) / total
+    wanted_once = np.ones((len(wanted), 2), np.float32)
+    wanted_once[:, 1] = wanted
+    total, mean_wanted = (weight @ wanted_once).T
+    total = np.maximum(total, np.float32(1e-9))
+    mean_seen, product = (weighted @ wanted_once).T / total
+    mean_wanted = mean_wanted / total
     power = np.einsum("kn,kn->k", weighted, seen) / total - mean_seen * mean_seen
-    gain = ((weighted @ wanted) / total - mean_seen * mean_wanted) / np.maximum(power, 1e-3)
+    gain = (product - mean_seen * mean_wanted) / np.maximum(power, np.float32(1e-3))
     if gains is not None:
-        gain = np.clip(gain, *gains)
-    return gain, wanted - gain[:, None] * seen - (mean_wanted - gain * mean_seen)[:, None]
+        gain = np.minimum(np.maximum(gain, gains[0]), gains[1])
+    residual = wanted - gain[:, None] * seen
+    residual -= (mean_wanted - gain * mean_seen)[:, None]
+    return gain, residual
 
 
 def _basis(ray: Array) -> Array:
@@ -142,38 +150,36 @@ def _prior_precision(inverse_range: Array, bounds: Bounds) -> Array:
 
 
 def _columns(
-    view: WorkingView,
-    arc: EpipolarArc,
-    place: Place,
-    warp: Array,
-    samples: Samples,
-    coefficients: Floats,
-    rays: Floats,
-    free: int,
+    view: WorkingView, turning: Array | None, along: Array, samples: Samples, coefficients: Floats, rays: Floats
 ) -> Floats:
-    """Derivatives of the sampled grey values by the parameters, then those values and 1: (k, free + 2, n)."""
+    """Derivatives of the sampled grey values by the parameters, then those values and 1: (k, p + 2, n).
+
+    ``turning`` holds the changes per offset and per roll (k, 2, 3, 3), nothing when both are held.
+    """
     slope_x, slope_y = view.slopes(samples)
     slope_x, slope_y = slope_x * samples.inverse_depth, slope_y * samples.inverse_depth
     axial = -(slope_x * samples.x + slope_y * samples.y)
     # d grey = [gx, gy, -(gx x + gy y)] · dh / depth, dh the change of the homogeneous pixel
-    along, across, roll = motions(arc, place.planes, place.offset, place.roll, warp)
     drift = (along @ view.pixels_from_head.T).astype(np.float32)[:, :, None]
+    free = 3 if turning is None else 5
     columns = np.empty((len(drift), free + 2, slope_x.shape[1]), np.float32)
     per_range = slope_x * drift[:, 0] + slope_y * drift[:, 1] + axial * drift[:, 2]
-    for index in range(3):
-        np.multiply(per_range, coefficients[index], out=columns[:, index])
-    if free > 3:
-        for index, matrices in ((3, across), (4, roll)):
-            moved = (view.pixels_from_head @ matrices).astype(np.float32).reshape(-1, 3) @ rays.T
-            moved = moved.reshape(len(drift), 3, -1)
-            columns[:, index] = slope_x * moved[:, 0] + slope_y * moved[:, 1] + axial * moved[:, 2]
-    columns[:, free] = samples.grey
+    np.multiply(per_range[:, None], coefficients, out=columns[:, :3])
+    if turning is not None:
+        moved = (view.pixels_from_head @ turning).astype(np.float32).reshape(-1, 3) @ rays.T
+        moved = moved.reshape(len(drift), 2, 3, -1)
+        np.multiply(moved[:, :, 0], slope_x[:, None], out=columns[:, 3:5])
+        columns[:, 3:5] += moved[:, :, 1] * slope_y[:, None]
+        columns[:, 3:5] += moved[:, :, 2] * axial[:, None]
+    columns[:, free] = samples.grey - samples.grey.mean(axis=1, keepdims=True)
     columns[:, free + 1] = 1.0
     return columns
 
 
-def _normal_equations(patch: Patch, samples: Samples, columns: Floats, noise: float) -> tuple[Array, Array, Array]:
-    """Normal equations (k, p, p) and (k, p) without gain and offset, and what makes them information, (k,)."""
+def _normal_equations(
+    patch: Patch, samples: Samples, columns: Floats, noise: float
+) -> tuple[Array, Array, Array, Floats]:
+    """Normal equations (k, p, p) and (k, p) without gain and offset, what makes them information, the gain, (k,)."""
     base = samples.inside * patch.weight
     _, residual = photometric(base, samples.grey, patch.grey)
     weight = base * _support(residual, patch.shape, noise)
@@ -182,17 +188,27 @@ def _normal_equations(patch: Patch, samples: Samples, columns: Floats, noise: fl
     weighted = columns * weight[:, None, :]
     hessian = (weighted @ columns.transpose(0, 2, 1)).astype(np.float64)
     gradient = (weighted @ residual[..., None])[..., 0].astype(np.float64)
-    inner = hessian[:, free:, free:] + np.eye(2) * 1e-9
-    mixed = np.linalg.solve(inner, hessian[:, free:, :free])
+    mixed = _two_by_two(hessian[:, free:, free:]) @ hessian[:, free:, :free]
     by_gain = gain.astype(np.float64)
     index = np.arange(free)
     hessian[:, index, index] *= 1.0 + RIDGE
     normal = (hessian[:, :free, :free] - hessian[:, :free, free:] @ mixed) * (by_gain * by_gain)[:, None, None]
-    right = (gradient[:, :free] - np.einsum("kij,ki->kj", mixed, gradient[:, free:])) * by_gain[:, None]
-    total = np.maximum(weight.sum(axis=1), 1e-9)
-    variance = np.einsum("kn,kn->k", weight, residual * residual) / total + noise * noise
+    # the residual is what a fit of gain and offset left: nothing of it lies along those two columns
+    right = gradient[:, :free] * by_gain[:, None]
+    total = np.maximum(hessian[:, -1, -1], 1e-9)
+    variance = (weight * residual)[:, None, :] @ residual[..., None]
+    variance = variance[:, 0, 0] / total + noise * noise
     effective = total * total / np.maximum(np.einsum("kn,kn->k", weight, weight), 1e-12)
-    return normal, right, effective / (variance * total)
+    return normal, right, effective / (variance * total), gain
+
+
+def _two_by_two(matrices: Array) -> Array:
+    """Inverses of symmetric positive matrices (k, 2, 2)."""
+    a, b, c = matrices[:, 0, 0] + 1e-9, matrices[:, 0, 1], matrices[:, 1, 1] + 1e-9
+    inverse = np.empty_like(matrices)
+    inverse[:, 0, 0], inverse[:, 1, 1] = c, a
+    inverse[:, 0, 1] = inverse[:, 1, 0] = -b
+    return np.asarray(inverse / np.maximum(a * c - b * b, 1e-18)[:, None, None])
 
 
 def _support(residual: Floats, shape: tuple[int, int], noise: float) -> Floats:
@@ -211,7 +227,7 @@ def _support(residual: Floats, shape: tuple[int, int], noise: float) -> Floats:
 def _solve(
     normal: Array, right: Array, scale: Array, place: Place, basis: Array, precision: Array
 ) -> tuple[Array, Array]:
-    """Step (k, 5), zero for what is held, and covariance (k, p, p)."""
+    """Step (k, 5), zero for what is held, and inverse covariance (k, p, p)."""
     free = normal.shape[1]
     state = np.concatenate([place.planes @ basis, place.offset[:, None], place.roll[:, None]], axis=1)
     pull = -precision * state[:, :free]
@@ -223,7 +239,7 @@ def _solve(
     damped[:, diagonal, diagonal] *= 1.0 + DAMPING
     step = np.zeros_like(state)
     step[:, :free] = np.linalg.solve(damped, (right * scale[:, None] + pull)[..., None])[..., 0]
-    return step, np.asarray(np.linalg.inv(posterior))
+    return step, posterior
 
 
 def _moved(place: Place, step: Array, basis: Array, arc: EpipolarArc, bounds: Bounds, step_rad: float) -> Place:

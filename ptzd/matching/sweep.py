@@ -13,8 +13,9 @@ from ptzd.matching.arrays import Floats
 from ptzd.matching.centre import settle_on_centre
 from ptzd.matching.hypotheses import sample_inverse_ranges, speed
 from ptzd.matching.noise import noise_sigma, texture_ratio
-from ptzd.matching.patch import SMOOTHING, Patch, cut_patch, pixel_angle, step_for
+from ptzd.matching.patch import MARGIN_PX, SMOOTHING, Patch, cut_patch, step_for
 from ptzd.matching.place import Place, box_in_view, make_grid, peaks, separate
+from ptzd.matching.rays import RayField
 from ptzd.matching.refine import Bounds, Refined, refine
 from ptzd.matching.score import Scores, Template, make_template, score
 from ptzd.matching.view import WorkingView, prepare_view
@@ -69,8 +70,7 @@ class Scene:
     arc: EpipolarArc
     camera: PerspectiveCamera
     camera_from_head: Array
-    pixel_rad: float
-    """Angle of a fisheye pixel at the box's centre."""
+    field: RayField
     noise: tuple[float, float]
     """One sigma of a pixel, grey levels, of the fisheye and of the PTZ."""
 
@@ -78,7 +78,7 @@ class Scene:
         """Prepare both pictures for a grid of ``step`` fisheye pixels, the view in an area only."""
         inputs, rig = self.inputs, self.inputs.rig
         rotation = rig.head_from_fisheye_rotation
-        patch = cut_patch(inputs.fisheye_grey, rig.fisheye, rotation, inputs.box, step, self.pixel_rad)
+        patch = cut_patch(inputs.fisheye_grey, self.field, rotation, inputs.box, step)
         view = prepare_view(inputs.view_grey, self.camera, self.camera_from_head, patch.angle_rad, area_px=area_px)
         # what the averaging over a step and the low-pass leave of a pixel's noise
         own = max(self.noise[0] / step, LEAST_NOISE) / np.sqrt(4.0 * np.pi) / SMOOTHING
@@ -96,18 +96,18 @@ def sweep(inputs: MatchInputs) -> tuple[float, tuple[Candidate, ...], tuple[floa
         Texture, separate peaks best first, and the interval of inverse range that the view could show.
     """
     rig, box = inputs.rig, inputs.box
-    centre, valid = rig.fisheye.lift(np.array(box.centre))
-    if not valid:
+    field = RayField.of(rig.fisheye, box, MARGIN_PX)
+    if not field.seen:
         return 0.0, (), (0.0, 0.0)
     scene = Scene(
         inputs=inputs,
-        arc=EpipolarArc.of(rig, centre, *inputs.inverse_range),
+        arc=EpipolarArc.of(rig, field.centre, *inputs.inverse_range),
         camera=rig.camera(inputs.reading),
         camera_from_head=rig.head_from_camera(inputs.reading).T,
-        pixel_rad=pixel_angle(rig.fisheye, box.centre),
+        field=field,
         noise=(noise_sigma(inputs.fisheye_grey), noise_sigma(inputs.view_grey)),
     )
-    finest = max(1, int(1.0 / scene.camera.fx / scene.pixel_rad))
+    finest = max(1, int(1.0 / scene.camera.fx / field.pixel_rad))
     coarse = scene.level(step_for(box, COARSE_SIDE, finest))
     patch, arc = coarse.patch, scene.arc
     if patch.weight.sum() == 0.0:
@@ -122,7 +122,7 @@ def sweep(inputs: MatchInputs) -> tuple[float, tuple[Candidate, ...], tuple[floa
     rough = refine(patch, coarse.view, arc, start, coarse.bounds, COARSE_ITERATIONS).place
     step = step_for(box, FINE_SIDE, finest)
     fine = coarse if step == patch.step_px else scene.level(step, _area(scene, patch, rough))
-    return texture, _finish(scene, fine, rough), grid.coverage
+    return texture, _finish(scene, coarse, fine, rough), grid.coverage
 
 
 def _area(scene: Scene, patch: Patch, place: Place) -> tuple[float, float, float, float]:
@@ -138,31 +138,30 @@ def _area(scene: Scene, patch: Patch, place: Place) -> tuple[float, float, float
     return float(left), float(top), float(right), float(bottom)
 
 
-def _finish(scene: Scene, level: Level, rough: Place) -> tuple[Candidate, ...]:
+def _finish(scene: Scene, coarse: Level, level: Level, rough: Place) -> tuple[Candidate, ...]:
     """Refine what deserves it and write down the candidates."""
     arc, patch = scene.arc, level.patch
     apart = SEPARATION * patch.angle_rad
-    scores = level.score(rough, arc).total
+    scores, sharpness = _on_the_arc(coarse, arc, rough)
     order = separate(rough, scores, arc, apart, CANDIDATES)
-    rough, scores = rough.take(order), scores[order]
+    rough, scores, sharpness = rough.take(order), scores[order], sharpness[order]
     worth = int((scores >= scores[0] - (1.0 - WORTH_REFINING) * abs(scores[0])).sum())
     refined = refine(patch, level.view, arc, rough.take(np.arange(worth)), level.bounds, FINE_ITERATIONS)
     whole = refined.place.join(rough.take(np.arange(worth, len(order))))
     sigma = np.concatenate([refined.sigma_rad, np.full(len(order) - worth, patch.angle_rad)])
     found = level.score(whole, arc)
     top = float(found.total.max())
-    settled = np.flatnonzero(found.total >= top - (1.0 - WORTH_SETTLING) * abs(top))
+    settled = np.flatnonzero(found.total[:worth] >= top - (1.0 - WORTH_SETTLING) * abs(top))
     ranges = sample_inverse_ranges(
         arc.rotated[None], arc.translation, scene.inputs.inverse_range, STEP_SHARE * patch.angle_rad
     )
-    outer = Refined(place=whole.take(settled), sigma_rad=sigma[settled])
-    inner, sigma[settled] = settle_on_centre(patch, level.view, arc, outer, level.bounds, ranges)
-    place = Place(planes=whole.planes.copy(), offset=whole.offset, roll=whole.roll)
-    place.planes[settled] = inner.planes
-    sharpness = _sharpness(level, arc, whole, found.total)
-    chosen = separate(place, found.total, arc, apart, CANDIDATES)
+    if len(settled):
+        outer = Refined(place=whole.take(settled), sigma_rad=sigma[settled], gain=refined.gain[settled])
+        inner, sigma[settled] = settle_on_centre(patch, level.view, arc, outer, level.bounds, ranges)
+        whole.planes[settled] = inner.planes
+    chosen = separate(whole, found.total, arc, apart, CANDIDATES)
     return _candidates(
-        scene, place.take(chosen), found.total[chosen], sharpness[chosen], sigma[chosen], found.in_view[chosen]
+        scene, whole.take(chosen), found.total[chosen], sharpness[chosen], sigma[chosen], found.in_view[chosen]
     )
 
 
@@ -170,7 +169,7 @@ def _candidates(
     scene: Scene, place: Place, scores: Floats, sharpness: Floats, sigma: Floats, in_view: Floats
 ) -> tuple[Candidate, ...]:
     pan, tilt = pan_tilt(place.bearings(scene.arc))
-    boxes = box_in_view(scene.inputs, place, scene.arc)
+    boxes = box_in_view(scene.inputs, scene.field.corners, place, scene.arc)
     inverse_range = np.maximum(place.planes @ scene.arc.rotated, 0.0)
     return tuple(
         Candidate(
@@ -189,12 +188,11 @@ def _candidates(
     )
 
 
-def _sharpness(level: Level, arc: EpipolarArc, place: Place, peak: Floats) -> Floats:
-    """Curvature of the score along the arc, from one grid step to either side, per (fisheye pixel)²."""
+def _on_the_arc(level: Level, arc: EpipolarArc, place: Place) -> tuple[Floats, Floats]:
+    """Scores, and their curvature along the arc from one grid step to either side, per (fisheye pixel)²."""
     shift = level.patch.angle_rad / np.maximum(speed(arc, place.planes @ arc.rotated), 1e-3)
     move = shift[:, None] * arc.rotated
     nearer = Place(planes=place.planes + move, offset=place.offset, roll=place.roll)
     farther = Place(planes=place.planes - move, offset=place.offset, roll=place.roll)
-    sides = level.score(nearer.join(farther), arc).total
-    count = len(peak)
-    return np.asarray((2.0 * peak - sides[:count] - sides[count:]) / level.patch.step_px**2)
+    peak, *sides = np.split(level.score(place.join(nearer).join(farther), arc).total, 3)
+    return peak, (2.0 * peak - sides[0] - sides[1]) / level.patch.step_px**2

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
+from ptzd.geometry.types import pixel_angle_rad
 from ptzd.matching.arrays import Floats, Grey, Mask
-from ptzd.matching.patch import SMOOTHING, pixel_angle
+from ptzd.matching.patch import SMOOTHING
 
 if TYPE_CHECKING:
     from ptzd.geometry.perspective import PerspectiveCamera
@@ -96,7 +97,7 @@ _MEAN = np.array([0.25, 0.5, 0.25], np.float32)
 
 def view_pixel_angle(camera: PerspectiveCamera) -> float:
     """Angle of the PTZ's pixel in the middle of its picture, rad."""
-    return pixel_angle(camera, ((camera.size_px[0] - 1) / 2, (camera.size_px[1] - 1) / 2))
+    return pixel_angle_rad(camera, ((camera.size_px[0] - 1) / 2, (camera.size_px[1] - 1) / 2))
 
 
 def prepare_view(

@@ -41,7 +41,9 @@ def test_motions_are_derivatives(world, s, offset, roll):
     arc = arc_of(world)
     place = ((s * arc.rotated)[None], np.array([offset]), np.array([roll]))
     warp = warps(arc, *place)
-    along, across, rolled = motions(arc, *place, warp)
+    matrices, along = motions(arc, *place)
+    same, across, rolled = matrices.transpose(1, 0, 2, 3)
+    assert np.allclose(same, warp, atol=1e-12)
     ray = normalise(arc.rotated + np.array([0.03, -0.02, 0.01]))
     step = 1e-6
     changed = warps(arc, place[0], place[1] + step, place[2])
@@ -104,8 +106,9 @@ def test_offsets_are_symmetric_and_reach_the_band():
 @given(s=st.floats(0.0, 1.0), offset=st.floats(-1.0, 1.0), roll=st.floats(-1.0, 1.0))
 def test_turns_are_rotations_about_the_line_of_sight_then_across(world, s, offset, roll):
     arc = arc_of(world)
-    turn = turns(arc, np.array([s]), np.array([offset]), np.array([roll]))[0]
+    turn = turns(arc, np.array([s]), np.array([offset]), np.array([roll])).rotation[0]
     assert np.allclose(turn @ turn.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(turn) == pytest.approx(1.0)
     assert angle_between(turn @ arc.bearing(s), arc.bearing(s)) == pytest.approx(abs(offset), abs=1e-9)
-    assert np.trace(turns(arc, np.array([s]), np.zeros(1), np.array([roll]))[0]) == pytest.approx(1 + 2 * np.cos(roll))
+    rolled = turns(arc, np.array([s]), np.zeros(1), np.array([roll])).rotation[0]
+    assert np.trace(rolled) == pytest.approx(1 + 2 * np.cos(roll))

@@ -1,14 +1,15 @@
 import numpy as np
 import pytest
 
-from ptzd.matching.patch import cut_patch, pixel_angle, step_for
+from ptzd.matching.patch import MARGIN_PX, cut_patch, step_for
+from ptzd.matching.rays import RayField
 from ptzd.model import Box
 
 
 def cut(world, box, step=1, grey=None):
     camera = world.rig.fisheye
     grey = np.random.default_rng(0).integers(0, 255, camera.size_px[::-1], dtype=np.uint8) if grey is None else grey
-    return cut_patch(grey, camera, world.rig.head_from_fisheye_rotation, box, step, pixel_angle(camera, box.centre))
+    return cut_patch(grey, RayField.of(camera, box, MARGIN_PX), world.rig.head_from_fisheye_rotation, box, step)
 
 
 def test_samples_sit_on_pixels(world):

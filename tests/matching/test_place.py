@@ -1,8 +1,9 @@
 import numpy as np
 
 from ptzd.geometry.arc import EpipolarArc
-from ptzd.matching.patch import cut_patch, pixel_angle
+from ptzd.matching.patch import MARGIN_PX, cut_patch
 from ptzd.matching.place import Place, make_grid, peaks, separate
+from ptzd.matching.rays import RayField
 from ptzd.matching.view import prepare_view
 from ptzd.model import Box
 
@@ -14,8 +15,8 @@ def make(world, off=(0.0, 0.0)):
     rig = world.rig
     inputs = world.inputs(BOX, reading, band_deg=1.0)
     arc = EpipolarArc.of(rig, rig.fisheye.lift(np.array(BOX.centre))[0], 0.0, 1.0)
-    pixel = pixel_angle(rig.fisheye, BOX.centre)
-    patch = cut_patch(inputs.fisheye_grey, rig.fisheye, rig.head_from_fisheye_rotation, BOX, 1, pixel)
+    field = RayField.of(rig.fisheye, BOX, MARGIN_PX)
+    patch = cut_patch(inputs.fisheye_grey, field, rig.head_from_fisheye_rotation, BOX, 1)
     view = prepare_view(inputs.view_grey, rig.camera(reading), rig.head_from_camera(reading).T, patch.angle_rad)
     return arc, make_grid(inputs, arc, patch, view, patch.angle_rad), patch
 

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from ptzd.geometry.arc import EpipolarArc
-from ptzd.matching.patch import cut_patch, pixel_angle
+from ptzd.matching.patch import MARGIN_PX, cut_patch
 from ptzd.matching.place import Place
+from ptzd.matching.rays import RayField
 from ptzd.matching.refine import Bounds, photometric, refine
 from ptzd.matching.view import prepare_view
 from ptzd.model import Box
@@ -14,8 +15,8 @@ BOX = Box(x=290, y=210, w=32, h=32)
 @pytest.fixture(scope="module")
 def setup(world):
     rig, reading = world.rig, world.aimed(BOX, (2.0, 1.0))
-    pixel = pixel_angle(rig.fisheye, BOX.centre)
-    patch = cut_patch(world.fisheye(BOX, 1.0), rig.fisheye, rig.head_from_fisheye_rotation, BOX, 1, pixel)
+    field = RayField.of(rig.fisheye, BOX, MARGIN_PX)
+    patch = cut_patch(world.fisheye(BOX, 1.0), field, rig.head_from_fisheye_rotation, BOX, 1)
     view = prepare_view(world.view(reading, 1.0), rig.camera(reading), rig.head_from_camera(reading).T, patch.angle_rad)
     arc = EpipolarArc.of(rig, rig.fisheye.lift(np.array(BOX.centre))[0], 0.0, 1.0)
     return patch, view, arc
