@@ -9,7 +9,8 @@ import msgspec
 import yaml
 
 from ptzd.calibration.file import read_rig
-from ptzd.config import Config, FilesSource, parse_config
+from ptzd.config import Config, FilesSource, HttpSource, parse_config
+from ptzd.devices.vapix.address import Address
 from ptzd.errors import CalibrationError, ConfigError
 from ptzd.geometry.rig import Rig
 
@@ -37,6 +38,7 @@ def load(path: Path) -> Loaded:
         With file and path of the culprit.
     """
     config = _anchored(load_config(path), path.parent)
+    _check_addresses(config)
     calibration_path = Path(config.calibration)
     try:
         calibration_text = calibration_path.read_text()
@@ -83,6 +85,13 @@ def load_config(path: Path) -> Config:
     return parse_config(document, str(path))
 
 
+def _check_addresses(config: Config) -> None:
+    """Refuse addresses that cannot be used, a password inside one above all: settings are kept in every log."""
+    Address(url=config.ptz.url, setting="ptz").base()
+    if isinstance(config.fisheye, HttpSource):
+        Address(url=config.fisheye.url, setting="fisheye").base()
+
+
 def _anchored(config: Config, folder: Path) -> Config:
     """Make relative paths absolute."""
     replace = msgspec.structs.replace
@@ -91,6 +100,8 @@ def _anchored(config: Config, folder: Path) -> Config:
         ptz = replace(ptz, password_file=str(folder / ptz.password_file))
     if isinstance(fisheye, FilesSource):
         fisheye = replace(fisheye, path=str(folder / fisheye.path))
+    if isinstance(fisheye, HttpSource) and fisheye.password_file is not None:
+        fisheye = replace(fisheye, password_file=str(folder / fisheye.password_file))
     bus = config.bus
     if bus.config_file is not None:
         bus = replace(bus, config_file=str(folder / bus.config_file))
