@@ -103,4 +103,5 @@ def _text(picture: Pixels, text: str, at: tuple[float, float], bgr: tuple[int, i
     if not np.isfinite(at).all():
         return
     x, y = (round(float(np.clip(value, -_FAR_PX, _FAR_PX))) for value in at)
-    cv2.putText(picture, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, 0.5, bgr, 1, cv2.LINE_AA)
+    for colour, thickness in (((0, 0, 0), 2), (bgr, 1)):
+        cv2.putText(picture, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, thickness, cv2.LINE_AA)

@@ -13,23 +13,27 @@ from ptzd.control.events import MatchFailed, MatchFinished
 from ptzd.errors import LogError, PtzdError
 from ptzd.geometry.rig import Rig
 from ptzd.log import along, drawing
-from ptzd.log.info import clock_time
+from ptzd.log.plot import score_plot
 from ptzd.log.protobuf import NS
 from ptzd.log.reader import LogReader
 from ptzd.log.story import Look, Story
+from ptzd.log.times import clock_time
 from ptzd.log.topics import FISHEYE_IMAGE, PTZ_IMAGE
+from ptzd.log.words import distance, sentences
 from ptzd.model import FrameRef
 
 MAX_VIEWS = 24
 """Views shown on a page; the timeline has them all."""
-_PLOT = (720, 220)
 _STYLE = """
-body{font:15px/1.45 system-ui,sans-serif;margin:2rem auto;max-width:1100px;padding:0 1rem;color:#222;background:#fff}
-h1{font-size:1.5rem}h2{font-size:1.1rem;margin-top:2rem}img,svg{max-width:100%;border:1px solid #ccc}
-figure{display:inline-block;margin:0 1rem 1rem 0;vertical-align:top}
-figcaption{font-size:.85rem;color:#555;max-width:40rem}
-table{border-collapse:collapse;font-size:.9rem}td,th{padding:.15rem .8rem .15rem 0;text-align:left;vertical-align:top}
-.num{text-align:right;font-variant-numeric:tabular-nums}
+body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:1100px;padding:0 1rem;color:#222;background:#fff}
+h1{font-size:1.6rem;margin-bottom:.3rem}h2{font-size:1.15rem;margin:2.2rem 0 .6rem;border-bottom:1px solid #ddd}
+.outcome{background:#222;color:#fff;border-radius:.3rem;padding:.1rem .5rem;font-size:1.1rem;margin-left:.5rem}
+.locked,.released{background:#187a2f}.lead{font-size:1.05rem;max-width:52rem}
+img,svg{max-width:100%;border:1px solid #ccc}.pictures{display:flex;flex-wrap:wrap;gap:1rem;align-items:flex-start}
+figure{margin:0;max-width:640px}figcaption{font-size:.88rem;color:#555}
+table{border-collapse:collapse;font-size:.92rem}td,th{padding:.15rem .9rem .15rem 0;text-align:left;vertical-align:top}
+.num{text-align:right;font-variant-numeric:tabular-nums}code{background:#f3f3f3;padding:.1rem .3rem}
+@media print{h2{break-after:avoid}figure,tr{break-inside:avoid}}
 """
 
 
@@ -50,20 +54,27 @@ def page(log: LogReader, rig: Rig, story: Story) -> str:
     LogError
         The file is damaged.
     """
-    title = html.escape(f"{story.id} {story.label}".strip())
+    name = story.id if story.label in {"", story.id} else f"{story.id}: {story.label}"
+    title = html.escape(name)
+    lock = _lock(story)
     body = "\n".join(
         (
-            f"<h1>{title}: {html.escape(story.outcome)}</h1>",
-            f"<p>{html.escape(story.reason)}</p>",
-            _facts(log, story),
-            "<h2>Asked for</h2>",
-            *_asked(log, rig, story),
+            f'<h1>{title}<span class="outcome {html.escape(story.outcome)}">{html.escape(story.outcome)}</span></h1>',
+            f'<p class="lead">{html.escape(" ".join(sentences(story, rig)))}</p>',
+            "<h2>Asked for, and found</h2>",
+            '<div class="pictures">',
+            *_asked(log, rig, story, lock),
+            "</div>",
             "<h2>Score along the arc</h2>",
             _curves(log, rig, story),
             "<h2>Views</h2>",
-            *_views(log, rig, story),
+            '<div class="pictures">',
+            *_views(log, rig, story, lock),
+            "</div>",
             "<h2>Timeline</h2>",
             _timeline(story),
+            "<h2>Where this comes from</h2>",
+            _facts(log, rig, story),
         )
     )
     return (
@@ -72,22 +83,39 @@ def page(log: LogReader, rig: Rig, story: Story) -> str:
     )
 
 
-def _facts(log: LogReader, story: Story) -> str:
+def _lock(story: Story) -> Look | None:
+    """The last look that confirmed the target."""
+    if not any(step.what == "locked" for step in story.steps):
+        return None
+    confirmed = (look for look in reversed(story.looks) if _score(look) is not None)
+    return next(confirmed, None)
+
+
+def _score(look: Look) -> float | None:
+    if isinstance(look.answer, MatchFinished) and look.answer.result.candidates:
+        return look.answer.result.candidates[0].score
+    return None
+
+
+def _facts(log: LogReader, rig: Rig, story: Story) -> str:
     run, result = log.run, story.result
-    facts = [("log", log.path.name), ("rig", run.rig), ("ptzd", run.versions.get("ptzd", "?"))]
-    facts += [("heard of", clock_time(story.t_ns)), ("file", f"{run.file_index} of its run")]
+    facts = [("log", f"{log.path.name}, file {run.file_index} of its run"), ("rig", run.rig)]
+    facts += [("first heard of", clock_time(story.t_ns))]
     if result is not None:
-        known = {
-            "took": f"{result.elapsed_ms / 1000:.2f} s",
-            "views": str(result.views),
-            "pan, tilt": f"{_number(result.pan_deg)}°, {_number(result.tilt_deg)}°",
-            "range": "unknown or infinite" if result.range_m is None else f"{result.range_m:.2f}",
-            "probability": _number(result.probability),
-            "one sigma": f"{_number(result.sigma_deg)}°",
-        }
-        facts += list(known.items())
+        facts += [
+            ("pan, tilt", f"{_number(result.pan_deg)}°, {_number(result.tilt_deg)}° (calibrated frame of the head)"),
+            ("zoom, field of view", f"{_number(result.zoom)}, {_number(result.hfov_deg)}°"),
+            ("range", distance(result.range_m, rig)),
+            ("probability", "–" if result.probability is None else f"{result.probability:.5f}"),
+            ("one sigma", f"{_number(result.sigma_deg)}°"),
+        ]
+    facts += [(name, version) for name, version in sorted(run.versions.items())]
     rows = "".join(f"<tr><th>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>" for name, value in facts)
-    return f"<table>{rows}</table>"
+    again = f"ptzd replay --recompute {log.path.name}"
+    return (
+        f"<table>{rows}</table><p>The same code comes to the same decisions from this log again: "
+        f"<code>{html.escape(again)}</code></p>"
+    )
 
 
 def _number(value: float | None) -> str:
@@ -109,31 +137,41 @@ def _figure(pixels: drawing.Pixels, caption: str) -> str:
     )
 
 
-def _asked(log: LogReader, rig: Rig, story: Story) -> Iterator[str]:
+def _asked(log: LogReader, rig: Rig, story: Story, lock: Look | None) -> Iterator[str]:
     frame = story.frame or (story.looks[0].job.frame if story.looks else None)
     pixels = None if frame is None else _picture(log, FISHEYE_IMAGE, frame)
     if frame is None or pixels is None:
         yield "<p>The fisheye picture is not in this file.</p>"
+    elif story.box is not None:
+        yield _figure(drawing.crop(pixels, story.box), "the region that was asked for, enlarged")
+    if lock is not None:
+        yield _view(log, rig, story, lock, "the lock")
+    if frame is None or pixels is None:
         return
-    if story.box is not None:
-        yield _figure(drawing.crop(pixels, story.box), "the region, enlarged")
-    caption = f"fisheye frame {frame.seq}, {clock_time(frame.t_capture_ns)}: box, arc, epipole"
+    legend = "green: the box; yellow: where the head looks along the arc; ×: where the fisheye sees the head"
+    caption = f"fisheye frame {frame.seq}, {clock_time(frame.t_capture_ns)}. {legend}"
     yield _figure(drawing.fisheye(pixels, rig, story), caption)
 
 
-def _views(log: LogReader, rig: Rig, story: Story) -> Iterator[str]:
+def _views(log: LogReader, rig: Rig, story: Story, lock: Look | None) -> Iterator[str]:
     if not story.looks:
         yield "<p>No view was matched.</p>"
-    for number, look in enumerate(story.looks[:MAX_VIEWS]):
-        pixels = _picture(log, PTZ_IMAGE, look.job.view.frame)
-        caption = f"look {number}: {_said(look)}"
-        yield (
-            f"<p>{html.escape(caption)}: not in this file</p>"
-            if pixels is None
-            else _figure(drawing.view(pixels, rig, look), caption)
-        )
+    for number, look in enumerate(story.looks[:MAX_VIEWS], 1):
+        if look is not lock:
+            yield _view(log, rig, story, look, f"look {number} of {len(story.looks)}")
+    if lock is not None:
+        yield "<p>The lock is shown above.</p>"
     if len(story.looks) > MAX_VIEWS:
         yield f"<p>… and {len(story.looks) - MAX_VIEWS} more.</p>"
+
+
+def _view(log: LogReader, rig: Rig, story: Story, look: Look, name: str) -> str:
+    pixels = _picture(log, PTZ_IMAGE, look.job.view.frame)
+    after_s = (look.job.view.frame.t_capture_ns - story.t_ns) / NS
+    caption = f"{name}, after {after_s:.2f} s: {_said(look)}"
+    if pixels is None:
+        return f"<p>{html.escape(caption)}: the picture is not in this file</p>"
+    return _figure(drawing.view(pixels, rig, look), caption)
 
 
 def _said(look: Look) -> str:
@@ -143,8 +181,12 @@ def _said(look: Look) -> str:
         return f"{pose}: {look.answer.reason}"
     if look.answer is None:
         return f"{pose}: no answer in this file"
-    best = look.answer.result.candidates[:1]
-    return f"{pose}: score {best[0].score:.3f}" if best else f"{pose}: nothing found"
+    score = _score(look)
+    if score is None:
+        return f"{pose}: nothing found"
+    others = len(look.answer.result.candidates) - 1
+    rivals = f", {others} other candidates in red" if others else ""
+    return f"{pose}: best score {score:.3f}{rivals}"
 
 
 def _curves(log: LogReader, rig: Rig, story: Story) -> str:
@@ -164,45 +206,12 @@ def _curves(log: LogReader, rig: Rig, story: Story) -> str:
         return "<p>The arc is a point: there is no curve to show.</p>"
     assert isinstance(look.answer, MatchFinished)
     note = (
-        "Plain correlation of the region with the best view, recomputed from the recorded pictures; "
-        "dots are the matcher's own candidates."
+        "Blue: how well the region agrees with the best view at every place along the arc, as plain correlation "
+        "computed anew from the recorded pictures; 1 is perfect. Dots: what the matcher itself found, green the "
+        "one it chose. "
+        "One clear peak is an unmistakable place; two alike are why a request ends as ambiguous."
     )
-    return f"{_plot(curve, look.answer)}<p>{note}</p>"
-
-
-def _plot(curve: along.Curve, answer: MatchFinished) -> str:
-    """SVG: score over the angle along the arc, the candidates at their inverse range."""
-    width, height = _PLOT
-    first, last = float(curve.angle_deg[0]), float(curve.angle_deg[-1])
-
-    def at(angle_deg: float, score: float) -> str:
-        x = 50 + (angle_deg - first) / max(last - first, 1e-9) * (width - 70)
-        return f"{x:.1f},{20 + (1.0 - score) / 2.0 * (height - 60):.1f}"
-
-    parts = [f'<polyline points="{at(first, 0)} {at(last, 0)}" stroke="#bbb" fill="none"/>']
-    for run in np.split(np.arange(len(curve.score)), np.flatnonzero(np.isnan(curve.score))):
-        points = " ".join(
-            at(float(curve.angle_deg[k]), float(curve.score[k])) for k in run if not np.isnan(curve.score[k])
-        )
-        if points:
-            parts.append(f'<polyline points="{points}" stroke="#06c" fill="none" stroke-width="1.5"/>')
-    for candidate in answer.result.candidates:
-        angle = float(np.interp(candidate.inverse_range, curve.inverse_range, curve.angle_deg))
-        x, y = at(angle, candidate.score).split(",")
-        parts.append(f'<circle cx="{x}" cy="{y}" r="4" fill="#2a2"/>')
-    for share in (0.0, 0.25, 0.5, 0.75, 1.0):
-        k = round(share * (len(curve.angle_deg) - 1))
-        s = float(curve.inverse_range[k])
-        named = f"{1.0 / s:.3g}" if s > 0.0 else "∞"
-        x, _ = at(float(curve.angle_deg[k]), 0.0).split(",")
-        parts.append(f'<text x="{x}" y="{height - 10}" font-size="12" text-anchor="middle">{named}</text>')
-    for score in (-1, 0, 1):
-        _, y = at(first, score).split(",")
-        parts.append(f'<text x="40" y="{y}" font-size="12" text-anchor="end">{score}</text>')
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" '
-        f'role="img" aria-label="score over range">{"".join(parts)}</svg><p>range along the ray</p>'
-    )
+    return f"{score_plot(curve, look.answer, 'm' if rig.metric else 'units')}<p>{note}</p>"
 
 
 def _timeline(story: Story) -> str:

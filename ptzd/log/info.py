@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 
 import msgspec
@@ -16,10 +15,10 @@ from ptzd.log.reader import LogReader
 from ptzd.log.records import Torn
 from ptzd.log.run import RunInfo
 from ptzd.log.story import Stories, Story
+from ptzd.log.times import clock_time
 from ptzd.log.topics import COMMAND, EVENT
 
 _MESSAGES = 20
-_YEAR_9999_NS = 253_000_000_000 * NS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,14 +96,6 @@ def _warning(path: Path, data: bytes) -> list[str]:
     except msgspec.DecodeError as error:
         raise LogError(f"{path}: /log: {error}") from None
     return [said.message] if said.level >= 3 else []
-
-
-def clock_time(t_ns: int) -> str:
-    """Time of day in UTC to the millisecond, e.g. ``2026-11-21 23:15:02.123Z``; the plain number where it is none."""
-    if not 0 <= t_ns < _YEAR_9999_NS:
-        return f"{t_ns} ns"
-    whole = datetime.fromtimestamp(t_ns // NS, UTC)
-    return f"{whole:%Y-%m-%d %H:%M:%S}.{t_ns % NS // 1_000_000:03d}Z"
 
 
 def lines(summary: LogSummary) -> Iterator[str]:

@@ -148,7 +148,7 @@ class Stories:
                 self._story(command.request_id, t_ns).looks.append(look)
                 self._looks[command.match_id] = look
             case cmd.PublishFeedback():
-                text = ", ".join(f"{name} {_plain(value)}" for name, value in command.detail.items() if value != "")
+                text = ", ".join(_plain(name, value) for name, value in command.detail.items() if value != "")
                 self._story(command.id, t_ns).steps.append(
                     Step(t_ns=t_ns, sequence=sequence, what=command.step, text=text)
                 )
@@ -173,5 +173,13 @@ def _box(box: Box) -> str:
     return f"{box.w:g} x {box.h:g} px at {box.x:g}, {box.y:g}"
 
 
-def _plain(value: object) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+_UNITS = {"_deg": "°", "_m": " m", "_px": " px", "_s": " s", "_ms": " ms"}
+
+
+def _plain(name: str, value: object) -> str:
+    """A field of the feedback with its unit as a sign, e.g. ``pan -27.95°``."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return f"{name} {value}"
+    number = f"{value:.4g}" if isinstance(value, float) else str(value)
+    suffix = next((suffix for suffix in _UNITS if name.endswith(suffix)), "")
+    return f"{name.removesuffix(suffix)} {number}{_UNITS.get(suffix, '')}"

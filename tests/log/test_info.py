@@ -9,9 +9,10 @@ from ptzd.control import commands as cmd
 from ptzd.control import events as ev
 from ptzd.errors import LogError
 from ptzd.log.file import McapFile
-from ptzd.log.info import clock_time, describe, document, lines
+from ptzd.log.info import describe, document, lines
 from ptzd.log.reader import LoggedCommand, LoggedEvent, LogReader
 from ptzd.log.story import collect
+from ptzd.log.times import clock_time
 from ptzd.model import Box, Outcome
 
 
