@@ -54,8 +54,10 @@ class Condition:
     """One view aimed at the truth with this error instead of the scan of the arc."""
     border: bool = False
     """One view that has the region's centre at its border."""
-    peers: bool = False
-    """Whether the peers are tried too."""
+    every: int = 1
+    """Only every so many regions."""
+    others: bool = False
+    """Whether `harris` and the peers are tried too."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,12 +85,11 @@ class Case:
     seed: int = 1
 
 
-def cases(scene_name: str, condition: Condition, share: tuple[int, int] = (0, 1), every: int = 1) -> Iterator[Case]:
-    """Regions of a scene that the condition applies to: every so many, and of n shares the k-th, for (k, n)."""
+def cases(scene_name: str, condition: Condition, chosen: Callable[[int], bool] = lambda index: True) -> Iterator[Case]:
+    """Regions of a scene that the condition applies to, of those that are chosen by their index."""
     s = stage(scene_name)
-    k, n = share
-    for index in range(0, len(s.scene.regions), every):
-        case = make_case(s, index, condition) if index // (2 * every) % n == k else None
+    for index in range(len(s.scene.regions)):
+        case = make_case(s, index, condition) if chosen(index) else None
         if case is not None:
             yield case
 

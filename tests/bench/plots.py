@@ -9,7 +9,9 @@ from html import escape
 
 WIDTH, HEIGHT = 640, 400
 LEFT, RIGHT, TOP, BOTTOM = 64, 136, 40, 52
-COLOURS = ("#0b6e4f", "#c8553d", "#3d5a98", "#8a5fa8", "#b88a00", "#4f9bb3", "#555555")
+COLOURS = ("#0b6e4f", "#c8553d", "#3d5a98", "#8a5fa8", "#b88a00", "#4f9bb3")
+REFERENCE = "#555555"
+"""Of dashed lines."""
 DASHED = "6 4"
 
 
@@ -50,10 +52,11 @@ def chart(title: str, across: Axis, up: Axis, series: Sequence[Series]) -> str:
         *_grid(across, up),
     ]
     for index, line in enumerate(series):
-        parts += _line(line, COLOURS[index % len(COLOURS)], across, up)
+        colour = REFERENCE if line.dashed else COLOURS[index % len(COLOURS)]
+        parts += _line(line, colour, across, up)
         y = TOP + 10 + 20 * index
         x = WIDTH - RIGHT + 14
-        parts.append(_stroke([(x, y), (x + 22, y)], COLOURS[index % len(COLOURS)], 2.5, DASHED if line.dashed else ""))
+        parts.append(_stroke([(x, y), (x + 22, y)], colour, 2.5, DASHED if line.dashed else ""))
         parts.append(_text(x + 28, y + 4, line.name))
     return "\n".join([*parts, "</svg>", ""])
 

@@ -28,11 +28,11 @@ def table(records: Sequence[Record]) -> str:
     head = ["experiment", "paper", "target", "`sweep`, tuned on", "`sweep`, held out", "missed by"]
     lines = [[*head, *(f"`{name}`" if name == "harris" else name for name in OTHERS)]]
     lines += [
-        [*_own_cells(row, records), *(_cell(_figures(row, records, name)) for name in OTHERS)]
+        [*_own_cells(row, records), *(_other_cell(row, records, name) for name in OTHERS)]
         for row in ROWS
         if row.select(records, "sweep", (*TUNING, *UNTUNED))
     ]
-    return _markdown(lines)
+    return markdown(lines)
 
 
 def summary(records: Sequence[Record]) -> str:
@@ -41,16 +41,21 @@ def summary(records: Sequence[Record]) -> str:
         ["experiment", "paper", "target", "`sweep`, tuned on", "`sweep`, held out", "missed by", "`harris`", "SIFT"]
     ]
     lines += [
-        [*_own_cells(row, records), *(_cell(_figures(row, records, name)) for name in ("harris", "sift"))]
+        [*_own_cells(row, records), *(_other_cell(row, records, name) for name in ("harris", "sift"))]
         for row in SUMMARY
     ]
-    return _markdown(lines)
+    return markdown(lines)
 
 
 def _own_cells(row: Row, records: Sequence[Record]) -> list[str]:
     tuned, held = (Figures.of(row.select(records, "sweep", scenes)) for scenes in (TUNING, UNTUNED))
     target = ", ".join(str(target) for target in row.targets) or "–"
-    return [row.name, row.paper, target, _cell(tuned, row), _cell(held, row), missed(row, tuned, held)]
+    cells = [_cell(row, figures, found=True) for figures in (tuned, held)]
+    return [row.name, row.paper, target, *cells, missed(row, tuned, held)]
+
+
+def _other_cell(row: Row, records: Sequence[Record], matcher: str) -> str:
+    return _cell(row, Figures.of(row.select(records, matcher, (*TUNING, *UNTUNED))), found=False)
 
 
 def missed(row: Row, tuned: Figures, held: Figures) -> str:
@@ -67,23 +72,18 @@ def missed(row: Row, tuned: Figures, held: Figures) -> str:
     return "; ".join(parts) or "met"
 
 
-def _figures(row: Row, records: Sequence[Record], matcher: str) -> Figures:
-    return Figures.of(row.select(records, matcher, (*TUNING, *UNTUNED)))
-
-
-def _cell(figures: Figures, own: Row | None = None) -> str:
-    """Median, share within 1°, share found (own matcher), share confidently wrong; n for the own one."""
-    if figures.count == 0 or (own is None and math.isnan(figures.median) and math.isnan(figures.wrong)):
+def _cell(row: Row, figures: Figures, *, found: bool) -> str:
+    """Median, share within 1°, share found, share confidently wrong, number: as far as the row is about them."""
+    if figures.count == 0:
         return "–"
-    if own is not None and own.certain:
+    if row.certain:
         return f"{figures.certain:.1%} right of {figures.count}"
-    parts = [] if math.isnan(figures.median) else [_degrees(figures.median), _share(figures.within)]
-    if own is not None and not math.isnan(figures.found):
-        parts.append(f"found {_share(figures.found)}")
+    parts = []
+    if row.conditions or not row.targets:
+        parts += [_degrees(figures.median), _share(figures.within)] if math.isfinite(figures.within) else []
+        parts += [f"found {_share(figures.found)}"] if found and math.isfinite(figures.found) else []
     parts.append(f"wrong {figures.wrong:.1%}" if figures.wrong else "wrong 0")
-    if own is not None:
-        parts.append(f"n {figures.count}")
-    return " · ".join(parts)
+    return " · ".join([*parts, f"n {figures.count}"] if found else parts)
 
 
 def _degrees(value: float) -> str:
@@ -94,7 +94,8 @@ def _share(value: float) -> str:
     return f"{100 * value:.0f} %"
 
 
-def _markdown(lines: Sequence[Sequence[str]]) -> str:
+def markdown(lines: Sequence[Sequence[str]]) -> str:
+    """A table; the first line is its head."""
     rows = ["| " + " | ".join(line) + " |" for line in lines]
     return "\n".join([rows[0], "|" + "---|" * len(lines[0]), *rows[1:]])
 
@@ -123,10 +124,10 @@ def conditions_of_run(records: Sequence[Record]) -> str:
     of_peers = {(r["scene"], r["region"]) for r in records if r["matcher"] in PEERS and r["scene"] in RENDERED}
     counts = ", ".join(f"{scene} {count}" for scene, count in regions.items() if count)
     answers = sum(r["matcher"] == "sweep" for r in records)
-    conditions = sum(condition.peers for condition in CONDITIONS)
+    conditions = sum(condition.others for condition in CONDITIONS)
     return (
-        f"{answers} answers of `sweep`. Regions: {counts}. The peers got {len(of_peers)} of the rendered ones "
-        f"and in {conditions} conditions. In {len(edges)} regions an occluding edge runs through the centre's pixel. "
+        f"{answers} answers of `sweep`. Regions: {counts}. `harris` and the peers got {len(of_peers)} of the rendered "
+        f"ones in {conditions} conditions. In {len(edges)} regions an occluding edge runs through the centre's pixel. "
         f"{platform.machine()}, Python {platform.python_version()}, numpy {np.__version__}."
     )
 
@@ -160,7 +161,7 @@ def charts(records: Sequence[Record]) -> dict[str, str]:
             [*(_over_noise(records, name) for name in ("sweep", *OTHERS)), _paper()],
         ),
         "occlusion": plots.chart(
-            "Regions found within 1° under occlusion",
+            "Regions within 1° under occlusion",
             plots.Axis(
                 title="share of the region that is hidden in the views",
                 ticks=(0, 0.1, 0.2, 0.3, 0.4, 0.5),

@@ -18,7 +18,7 @@ from ptzd.geometry.sphere import angle_between
 from ptzd.model import Matcher
 from tests.bench import own, peers
 from tests.bench.cases import Case, Condition, cases
-from tests.bench.conditions import CONDITIONS, PEERS_EVERY
+from tests.bench.conditions import CONDITIONS, OTHERS_EVERY
 from tests.bench.real import REAL, real_cases
 from tests.bench.stage import RENDERED, rendered
 
@@ -37,38 +37,40 @@ class Job:
     scenes: tuple[str, ...]
     conditions: tuple[str, ...]
     matchers: tuple[str, ...]
+    every: int
+    """Only every n-th region."""
     share: tuple[int, int]
     """This process's part k of n."""
-    every: int = 1
-    """Only every n-th region."""
+
+    def mine(self, index: int, every: int) -> bool:
+        """Whether a region is asked for, by this process; the condition wants every so many."""
+        k, n = self.share
+        step = max(self.every, every if str(Matcher.SWEEP) in self.matchers else OTHERS_EVERY)
+        return index % step == 0 and index // max(step, OTHERS_EVERY) % n == k
 
 
-def run(job: Job) -> list[Record]:
-    """Answer every case of a share."""
+def run(job: Job, out: Path) -> None:
+    """Answer every case of a share; each answer is a line of the file as soon as it is there."""
     cv2.setNumThreads(1)
-    records = []
-    for scene in job.scenes:
+    with out.open("w") as file:
         for condition in CONDITIONS:
-            if condition.name in job.conditions:
-                records += [
-                    record for case in share_of(scene, condition, job) for record in answers(case, condition, job)
-                ]
-                print(f"{job.share[0]}: {scene}, {condition.name}", file=sys.stderr, flush=True)
-    return records
+            for scene in job.scenes if condition.name in job.conditions else ():
+                for case in cases_of(scene, condition, job):
+                    file.writelines(json.dumps(answer) + "\n" for answer in answers(case, condition, job))
+                file.flush()
+            print(f"{job.share[0]}: {condition.name}", file=sys.stderr, flush=True)
 
 
-def share_of(scene: str, condition: Condition, job: Job) -> Iterator[Case]:
+def cases_of(scene: str, condition: Condition, job: Job) -> Iterator[Case]:
     if scene not in REAL:
-        return cases(scene, condition, job.share, job.every)
-    wanted = condition.name == "clean" and job.share[0] == 0
-    return iter(real_cases(scene) if wanted else ())
+        return cases(scene, condition, lambda index: job.mine(index, condition.every))
+    return (case for case in real_cases(scene) if condition.name == "clean" and job.mine(case.index, 1))
 
 
 def answers(case: Case, condition: Condition, job: Job) -> Iterator[Record]:
     for name in job.matchers:
-        if name in peers.PEERS and not (condition.peers and (case.index % PEERS_EVERY == 0 or case.scene in REAL)):
-            continue
-        yield record(case, name, RUNNERS[name](case))
+        if name == str(Matcher.SWEEP) or (condition.others and case.index % OTHERS_EVERY == 0):
+            yield record(case, name, RUNNERS[name](case))
 
 
 def record(case: Case, matcher: str, answer: Record) -> Record:
@@ -96,22 +98,29 @@ def record(case: Case, matcher: str, answer: Record) -> Record:
 def run_all(
     scenes: Sequence[str], conditions: Sequence[str], matchers: Sequence[str], every: int, processes: int
 ) -> list[Record]:
-    """Answer every case, in some processes; the order of the records is that of one process."""
+    """Answer every case, in some processes."""
     for scene in scenes:
         if scene in RENDERED:
             rendered(scene)
-    jobs = [
-        Job(
+    KEPT.parent.mkdir(parents=True, exist_ok=True)
+    context = multiprocessing.get_context("spawn")
+    files = [KEPT.parent / f"{'-'.join(matchers)}-{k}.jsonl" for k in range(processes)]
+    workers = []
+    for k, file in enumerate(files):
+        job = Job(
             scenes=tuple(scenes),
             conditions=tuple(conditions),
             matchers=tuple(matchers),
-            share=(k, processes),
             every=every,
+            share=(k, processes),
         )
-        for k in range(processes)
-    ]
-    with multiprocessing.get_context("spawn").Pool(processes) as pool:
-        return [record for part in pool.map(run, jobs, chunksize=1) for record in part]
+        workers.append(context.Process(target=run, args=(job, file)))
+        workers[-1].start()
+    for worker in workers:
+        worker.join()
+        if worker.exitcode != 0:
+            raise SystemExit(f"a process of the bench ended with {worker.exitcode}")
+    return [json.loads(line) for file in files for line in file.read_text().splitlines()]
 
 
 def with_kept_peers(
@@ -120,12 +129,11 @@ def with_kept_peers(
     """Like `run_all`, but with the peers' answers of an earlier run on the very same cases."""
     asked = [name for name in matchers if name in peers.PEERS]
     mine = [name for name in matchers if name not in peers.PEERS]
-    wanted = [condition.name for condition in CONDITIONS if condition.peers and condition.name in conditions]
+    wanted = [condition.name for condition in CONDITIONS if condition.others and condition.name in conditions]
     made_from = _made_from(scenes, [list(scenes), wanted, asked, every])
     kept = json.loads(KEPT.read_text()) if KEPT.is_file() else {"made_from": ""}
     if asked and kept["made_from"] != made_from:
         kept = {"made_from": made_from, "records": run_all(scenes, wanted, asked, every, processes)}
-        KEPT.parent.mkdir(parents=True, exist_ok=True)
         KEPT.write_text(json.dumps(kept))
     own_records = run_all(scenes, conditions, mine, every, processes) if mine else []
     return own_records + (kept["records"] if asked else [])

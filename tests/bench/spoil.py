@@ -15,7 +15,7 @@ Grey = np.ndarray
 def with_noise(picture: Grey, sigma: float, rng: np.random.Generator) -> np.ndarray:
     """Add a sensor's noise and round to bytes."""
     if sigma > 0:
-        picture = picture + rng.normal(0.0, sigma, picture.shape)
+        picture = picture + np.float32(sigma) * rng.standard_normal(picture.shape, np.float32)
     return np.clip(np.round(picture), 0, 255).astype(np.uint8)
 
 

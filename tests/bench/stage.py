@@ -79,7 +79,7 @@ class Stage:
         return self.views[key]
 
 
-@lru_cache(maxsize=3)
+@lru_cache(maxsize=6)
 def stage(name: str) -> Stage:
     """A scene of the package, of the cache of rendered ones, or of a folder."""
     return Stage(scene=load_scene(rendered(name) if name in RENDERED else name))
