@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
 
 from ptzd.calibration.target import Target, TargetKind, parse_target
 from ptzd.errors import CalibrationError
@@ -44,13 +45,7 @@ def add_commands(commands: argparse._SubParsersAction[Any]) -> None:
     draw.add_argument("--seed", type=int, default=3)
     draw.add_argument("--boards", action="store_true", help="with boards; without: the scene alone")
     draw.set_defaults(run=_simulate)
-    fisheye = steps.add_parser("fisheye", parents=[common, board], help="the fisheye's lens")
-    fisheye.add_argument("pictures", type=Path, nargs="?", help="folder with pictures of the board")
-    fisheye.add_argument("--from", dest="source", type=Path, help="a calibration of OpenCV, Kalibr or ROS instead")
-    fisheye.add_argument("--max-angle", type=float, default=90.0, help="edge of the image circle with --from, deg")
-    fisheye.add_argument("--model", choices=["unified", "kannala_brandt"], default="unified")
-    fisheye.add_argument("--report", type=Path, help="HTML")
-    fisheye.set_defaults(run=_fisheye)
+    _add_fisheye(steps, [common, board])
     for name, text, run in (
         ("zoom", "the PTZ's lens over zoom (and, without a board, the head)", _zoom),
         ("head", "the head from boards at rest", _head),
@@ -75,6 +70,19 @@ def add_commands(commands: argparse._SubParsersAction[Any]) -> None:
     drift.add_argument("--calibration", type=Path, required=True)
     drift.add_argument("--out", type=Path, help="write the rig turned back onto the locks")
     drift.set_defaults(run=_drift)
+
+
+def _add_fisheye(steps: argparse._SubParsersAction[Any], parents: list[argparse.ArgumentParser]) -> None:
+    fisheye = steps.add_parser("fisheye", parents=parents, help="the fisheye's lens")
+    fisheye.add_argument("pictures", type=Path, nargs="?", help="folder with pictures of the board")
+    fisheye.add_argument("--live", action="store_true", help="take the pictures now, guided; the folder keeps them")
+    fisheye.add_argument("--config", type=Path, help="settings that name the fisheye, with --live")
+    fisheye.add_argument("--count", type=int, default=16, help="pictures to take with --live, at least")
+    fisheye.add_argument("--from", dest="source", type=Path, help="a calibration of OpenCV, Kalibr or ROS instead")
+    fisheye.add_argument("--max-angle", type=float, default=90.0, help="edge of the image circle with --from, deg")
+    fisheye.add_argument("--model", choices=["unified", "kannala_brandt"], default="unified")
+    fisheye.add_argument("--report", type=Path, help="HTML")
+    fisheye.set_defaults(run=_fisheye)
 
 
 def _say(text: str) -> None:
@@ -129,14 +137,37 @@ def _fisheye(arguments: argparse.Namespace) -> int:
 
     if arguments.source is not None:
         return _show(calibrating.foreign(arguments.source, arguments.work, arguments.max_angle), as_json=arguments.json)
-    if arguments.pictures is None:
-        raise CalibrationError("fisheye: give the folder with pictures of the board, or --from a calibration")
-    outcome, fit, boards = calibrating.fisheye(
-        arguments.pictures, _target(arguments), arguments.work, arguments.model, _say
-    )
+    pictures = _live(arguments) if arguments.live else arguments.pictures
+    if pictures is None:
+        raise CalibrationError(
+            "fisheye: give the folder with pictures of the board, --live with --config, or --from a calibration"
+        )
+    outcome, fit, boards = calibrating.fisheye(pictures, _target(arguments), arguments.work, arguments.model, _say)
     report = arguments.report or arguments.work / "fisheye.html"
     report.write_text(fisheye_report(outcome, fit, boards), encoding="utf-8")
     return _show(replace(outcome, written=(*outcome.written, report)), as_json=arguments.json)
+
+
+def _live(arguments: argparse.Namespace) -> Path:
+    """Pictures taken now; the folder that keeps them."""
+    from ptzd.app.calibrate_live import record
+    from ptzd.calibration.guide import Action, Advice, Goal
+
+    if arguments.config is None:
+        raise CalibrationError("--live: give the daemon's settings with --config, they name the fisheye")
+    folder = arguments.pictures or arguments.work / "fisheye"
+    console = Console(file=sys.stderr, highlight=False, soft_wrap=True)
+    columns = (BarColumn(), TaskProgressColumn(), TextColumn("{task.description}", markup=False))
+    with Progress(*columns, console=console) as progress:
+        task = progress.add_task("waiting for the fisheye", total=1.0)
+
+        def show(advice: Advice) -> None:
+            progress.update(task, completed=advice.covered, description=f"{advice.taken} taken; {advice.text}")
+            if advice.action is Action.TAKE:
+                console.print(f"picture {advice.taken}: {advice.covered:.0%} of the field covered", style="dim")
+
+        goal = Goal(pictures=arguments.count)
+        return asyncio.run(record(arguments.config, _target(arguments), folder, goal, show))
 
 
 def _zoom(arguments: argparse.Namespace) -> int:

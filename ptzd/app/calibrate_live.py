@@ -1,0 +1,120 @@
+"""`ptzd calibrate fisheye --live`: pictures of a board taken by themselves when they add something."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from ptzd.app.calibrate_session import settings
+from ptzd.app.daemon import open_fisheye
+from ptzd.calibration.detect import Grey, detect
+from ptzd.calibration.guide import Action, Advice, Goal, Guide, lit_cells
+from ptzd.calibration.pictures import SUFFIXES, list_pictures, read_grey
+from ptzd.calibration.target import Target
+from ptzd.errors import CalibrationError, DeviceLost
+from ptzd.geometry.types import Array
+from ptzd.ports import FrameSource, Picture
+from ptzd.runtime.clock import SteadyClock
+
+Show = Callable[[Advice], None]
+
+
+async def record(config_path: Path, target: Target, folder: Path, goal: Goal, show: Show) -> Path:
+    """Watch the configured fisheye until its pictures are enough; they are kept in a folder.
+
+    Pictures that lie there from an earlier run count.
+
+    Parameters
+    ----------
+    config_path : Path
+        Settings of the daemon: V4L2, HTTP or files.
+    target : Target
+        The board.
+    folder : Path
+        Where the pictures go.
+    goal : Goal
+        When it is enough.
+    show : callable
+        Told what every picture was to the guide.
+
+    Raises
+    ------
+    CalibrationError
+        When the source ends before it is enough.
+    """
+    await asyncio.to_thread(folder.mkdir, parents=True, exist_ok=True)
+    clock = SteadyClock()
+    async with open_fisheye(settings(config_path).fisheye, clock) as source:
+        guide: Guide | None = None
+        while guide is None or not guide.enough:
+            try:
+                guide = await _watch(source, target, folder, goal, show, guide)
+            except DeviceLost as error:
+                show(Advice(action=Action.NO_BOARD, text=f"no picture: {error}", covered=0.0, taken=0))
+                continue
+            if guide is None or not guide.enough:
+                raise CalibrationError(
+                    f"fisheye: the source ended before it was enough; hold the board {_wanted(guide)}; the pictures "
+                    f"so far are kept in {folder}"
+                )
+    return folder
+
+
+async def _watch(
+    source: FrameSource, target: Target, folder: Path, goal: Goal, show: Show, guide: Guide | None
+) -> Guide | None:
+    async for picture in source.pictures():
+        grey, pixels = await asyncio.to_thread(_board, picture, target)
+        if grey is None:
+            continue
+        if guide is None:
+            guide = await asyncio.to_thread(_begin, grey, target, folder, goal)
+        advice = guide.look(picture.t_arrival_ns / 1e9, pixels)
+        if advice.action is Action.TAKE:
+            await asyncio.to_thread(_keep, folder, picture)
+        show(advice)
+        if guide.enough:
+            break
+    return guide
+
+
+def _board(picture: Picture, target: Target) -> tuple[Grey | None, Array | None]:
+    pixels = cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
+    if pixels is None:
+        return None, None
+    grey = np.asarray(pixels, np.uint8)
+    view = detect(grey, target, "").view
+    return grey, None if view is None else view.pixels
+
+
+def _begin(grey: Grey, target: Target, folder: Path, goal: Goal) -> Guide:
+    """A guide that knows the pictures of an earlier run."""
+    guide = Guide((grey.shape[1], grey.shape[0]), lit_cells(grey), goal)
+    for path in list_pictures(folder) if _pictures_in(folder) else []:
+        earlier = read_grey(path)
+        if earlier is None or earlier.shape != grey.shape:
+            raise CalibrationError(
+                f"{path}: not a picture of {grey.shape[1]}×{grey.shape[0]} px like the fisheye's; give another folder"
+            )
+        view = detect(earlier, target, path.name).view
+        if view is not None:
+            guide.keep(view.pixels)
+    return guide
+
+
+def _pictures_in(folder: Path) -> bool:
+    return any(path.suffix.lower() in SUFFIXES for path in folder.iterdir())
+
+
+def _keep(folder: Path, picture: Picture) -> None:
+    """The camera's own bytes, numbered on."""
+    taken = [int(path.stem) for path in folder.glob("*.jpg") if path.stem.isdigit()]
+    (folder / f"{max(taken, default=0) + 1:03}.jpg").write_bytes(picture.jpeg)
+
+
+def _wanted(guide: Guide | None) -> str:
+    return "before the lens" if guide is None else guide.wanted()
