@@ -44,7 +44,7 @@ golden: install
 
 # The log at full rate: make soak MINUTES=5
 soak: install
-	$(BIN)/python tests/log/soak.py $(or $(MINUTES),20)
+	$(BIN)/python -m tests.log.soak $(or $(MINUTES),20)
 
 # Renders the ray-traced scenes that are missing or older than their sources: make scenes NAMES="yard"
 scenes: install

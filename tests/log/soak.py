@@ -1,6 +1,9 @@
 """The log at full rate for as long as you like: memory flat, no decision lost, no frame lost on an idle machine.
 
-python tests/log/soak.py [minutes] [directory]
+python -m tests.log.soak [minutes] [directory]
+
+Fisheye 1280×960 at 30 fps, PTZ 640×480 at 15 fps, every frame and every position told to the core and written, with
+photographs as cameras send them.
 """
 
 import asyncio
@@ -10,6 +13,8 @@ import tempfile
 import time
 from pathlib import Path
 
+import numpy as np
+
 from ptzd.config import LogSettings
 from ptzd.control.events import FrameArrived, HeadPolled, Snapshot
 from ptzd.log.reader import LogReader
@@ -18,11 +23,9 @@ from ptzd.log.topics import FISHEYE_IMAGE, PTZ_IMAGE
 from ptzd.log.writer import McapLog
 from ptzd.model import FrameRef, HeadReading, Motion
 from ptzd.ports import Picture
+from tests.bench.photos import photos
 
-FISHEYE_HZ, FISHEYE_BYTES = 30, 300_000
-"""1280x960."""
-PTZ_HZ, PTZ_BYTES = 15, 90_000
-"""640x480."""
+FISHEYE_HZ, PTZ_HZ = 30, 15
 TICK_S = 1 / FISHEYE_HZ
 
 
@@ -42,7 +45,8 @@ def rss_mib() -> float:
 
 async def feed(log: McapLog, minutes: float) -> tuple[int, list[float], float]:
     """Returns decisions told, memory once a second, and the longest lag of the loop in s."""
-    noise = os.urandom(FISHEYE_BYTES + 4096)
+    fisheye, ptz = photos(1280, 960, 60), photos(640, 480, 60)
+    print(f"fisheye pictures of {len(fisheye[0]) / 1e3:.0f} kB, PTZ pictures of {len(ptz[0]) / 1e3:.0f} kB", flush=True)
     sequence, memory, worst = 0, [], 0.0
     begin = time.monotonic()
     for tick in range(round(minutes * 60 * FISHEYE_HZ)):
@@ -54,12 +58,11 @@ async def feed(log: McapLog, minutes: float) -> tuple[int, list[float], float]:
             log.rotate(sequence, Snapshot(t_ns=t_ns))
             sequence += 1
         frame = FrameRef(seq=tick, t_capture_ns=t_ns)
-        jpeg = noise[tick % 4096 : tick % 4096 + FISHEYE_BYTES]
-        log.picture(FISHEYE_IMAGE, Picture(frame=frame, t_arrival_ns=t_ns, jpeg=jpeg))
+        log.picture(FISHEYE_IMAGE, Picture(frame=frame, t_arrival_ns=t_ns, jpeg=fisheye[tick % 60]))
         log.event(sequence, FrameArrived(t_ns=t_ns, frame=frame))
         sequence += 1
         if tick % (FISHEYE_HZ // PTZ_HZ) == 0:
-            log.picture(PTZ_IMAGE, Picture(frame=frame, t_arrival_ns=t_ns, jpeg=jpeg[:PTZ_BYTES]))
+            log.picture(PTZ_IMAGE, Picture(frame=frame, t_arrival_ns=t_ns, jpeg=ptz[tick % 60]))
             reading = HeadReading(pan_deg=tick % 90, tilt_deg=0.0, zoom=1.0)
             log.event(sequence, HeadPolled(t_ns=t_ns, reading=reading, motion=Motion.MOVING))
             sequence += 1
@@ -83,8 +86,14 @@ async def soak(minutes: float, directory: str) -> None:
     third = len(memory) // 3
     share = cpu_s / minutes / 0.6
     print(f"{stats.bytes / 1e6:.0f} MB in {minutes:g} min, {share:.1f} % of a core, longest lag {worst * 1e3:.0f} ms")
-    print(f"memory: {memory[third]:.1f} MiB after a third, {memory[-1]:.1f} at the end, at most {max(memory):.1f}")
-    print(f"decisions: {told} told, {stats.decisions_lost} lost")
+    slope = np.polyfit(np.arange(third, len(memory)), memory[third:], 1)[0] * 60.0
+    print(
+        f"memory: {memory[third]:.1f} MiB after a third, {memory[-1]:.1f} at the end, at most {max(memory):.1f}; "
+        f"slope over the last two thirds {slope:+.3f} MiB a minute"
+    )
+    print(
+        f"decisions: {told} told, {stats.decisions_lost} lost, {len(kept)} in the {len(log.closed_files())} files kept"
+    )
     print(f"pictures: {stats.pictures} written, {stats.pictures_dropped} dropped")
     assert stats.decisions_lost == 0
     assert kept == list(range(kept[0], told))
