@@ -275,16 +275,24 @@ class PoseRing:
                 if after is None:
                     return self._beyond(pose, t_ns)
                 share = (t_ns - pose.t_ns) / (after.t_ns - pose.t_ns)
-                return _between(pose.reading, after.reading, share), after.motion
+                return _between(pose.reading, after.reading, share), self._labelled(after.motion, t_ns)
             after = pose
         return self._poses[0].reading, Motion.UNKNOWN
+
+    def _labelled(self, motion: Motion, t_ns: int) -> Motion:
+        """Stable only when the head had rested for the settle time by then: before that it may still swing."""
+        if motion is not Motion.STABLE:
+            return motion
+        since_ns, run = t_ns - self._settle_ns, self._run
+        settled = (run is not None and run.first_ns <= since_ns) or self.rest_over(since_ns, t_ns) is not None
+        return Motion.STABLE if settled else Motion.SETTLING
 
     def _beyond(self, latest: Pose, t_ns: int) -> tuple[HeadReading, Motion]:
         ahead_ns = t_ns - latest.t_ns
         if ahead_ns > KEPT_NS:
             return latest.reading, Motion.UNKNOWN
         if latest.motion is not Motion.MOVING or len(self._poses) < 2:
-            return latest.reading, latest.motion
+            return latest.reading, self._labelled(latest.motion, t_ns)
         before = self._poses[-2]
         share = 1 + min(ahead_ns, EXTRAPOLATED_NS) / max(1, latest.t_ns - before.t_ns)
         return _between(before.reading, latest.reading, share), latest.motion
