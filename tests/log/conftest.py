@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import json
+import os
 import threading
 import time
 
@@ -70,6 +71,13 @@ def settings(tmp_path):
         return LogSettings(**given)
 
     return make
+
+
+@pytest.fixture
+def unsynced(monkeypatch):
+    """For tests that write thousands of files: what they look at is with the kernel."""
+    for name in ("fsync", "fdatasync"):
+        monkeypatch.setattr(os, name, lambda descriptor: None)
 
 
 @pytest.fixture

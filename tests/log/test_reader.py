@@ -6,6 +6,7 @@ import resource
 import struct
 
 import pytest
+from mcap.opcode import Opcode
 from mcap.writer import CompressionType, IndexType, Writer
 
 from ptzd.control.events import DeadlinePassed, FrameArrived
@@ -14,7 +15,7 @@ from ptzd.log.codec import encode
 from ptzd.log.file import McapFile
 from ptzd.log.protobuf import CompressedImage, encode_image
 from ptzd.log.reader import LogReader
-from ptzd.log.records import MAGIC, Torn
+from ptzd.log.records import MAGIC, RecordFile, Torn, inner_frames
 from ptzd.log.recover import recover
 from ptzd.log.topics import EVENT, FISHEYE_IMAGE
 from ptzd.model import FrameRef
@@ -90,6 +91,7 @@ def mutated(data, chance):
     return data
 
 
+@pytest.mark.usefixtures("unsynced")
 def test_damaged_files_end_in_one_clear_line(small, tmp_path):
     whole = small.read_bytes()
     chance = random.Random(5)
@@ -106,6 +108,47 @@ def test_damaged_files_end_in_one_clear_line(small, tmp_path):
     print(
         f"{CASES} damaged files, {refused} refused, peak {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10} MiB"
     )
+
+
+def places(path):
+    """Where a file can end: before, inside and behind the head, the body and the end of every record, and of chunks."""
+    with RecordFile(path) as file:
+        frames = list(file.frames())
+        found = {0, 1, len(MAGIC) - 1, len(MAGIC), file.size - 1, file.size - len(MAGIC), file.size - len(MAGIC) + 1}
+        kinds = {frame.opcode: frame for frame in frames}
+        for frame in frames:
+            found |= {frame.start, frame.end - 1}
+            if frame.opcode not in {Opcode.CHUNK, Opcode.MESSAGE_INDEX} and frame != kinds[frame.opcode]:
+                continue
+            found |= {frame.start + 1, frame.start + 8, frame.body, frame.body + 1, frame.body + frame.length // 2}
+            if frame.opcode == Opcode.CHUNK:
+                data = file.chunk(frame)
+                first = frame.end - data.packed_size
+                found |= {first - 1, first, *(first + record.end for record in inner_frames(data.data))}
+    return sorted(place for place in found if place < file.size)
+
+
+@pytest.mark.usefixtures("unsynced")
+def test_a_file_cut_at_any_boundary_is_torn_and_can_be_mended(small, tmp_path):
+    whole = small.read_bytes()
+    with LogReader(small) as log:
+        expected = list(log.entries())
+    victim = tmp_path / "victim.mcap"
+    cuts = places(small)
+    assert len(cuts) > 100
+    for cut in cuts:
+        victim.write_bytes(whole[:cut])
+        assert isinstance(refusal_of(exercise, victim), LogError), cut
+        if cut < len(MAGIC):
+            assert "not an MCAP file" in str(refusal_of(recover, victim))
+            continue
+        report = recover(victim)
+        with LogReader(victim) as log:
+            kept = list(log.entries())
+        assert kept == expected[: len(kept)], cut
+        assert report.messages == len(kept)
+        assert recover(victim).note == "whole"
+    assert kept == expected
 
 
 @pytest.mark.parametrize("content", [b"", b"x", MAGIC, MAGIC + MAGIC, MAGIC + b"\x06" + b"\xff" * 8, b"\x00" * 100])

@@ -76,6 +76,7 @@ def whole(tmp_path_factory):
     return path, write(path)
 
 
+@pytest.mark.usefixtures("unsynced")
 def test_every_cut_keeps_every_whole_chunk(whole, tmp_path):
     path, _ = whole
     data = path.read_bytes()
