@@ -216,15 +216,18 @@ def run(name: str, witness: str, moves: int, seed: int, scene: Scene) -> Series:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--moves", type=int, default=1000)
+    parser.add_argument("--moves", type=int, default=1000, help="of each camera, shared by its witnesses")
     parser.add_argument("--profile", choices=sorted(PROFILES), action="append")
     parser.add_argument("--witness", choices=sorted(LATEST_S), action="append")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
     scene, found = load_scene("room"), []
     for name in arguments.profile or PROFILES:
-        for witness in arguments.witness or witnesses(name):
-            found.append(run(name, witness, arguments.moves, arguments.seed, scene))
+        tellers = arguments.witness or witnesses(name)
+        for number, witness in enumerate(tellers):
+            moves = (arguments.moves + number) // len(tellers)
+            found.append(run(name, witness, moves, arguments.seed + number, scene))
+            print(table(found[-1:]).splitlines()[-1], file=sys.stderr)
             for line in found[-1].broken:
                 print(f"{name}, {witness}: {line}", file=sys.stderr)
     print(table(found))

@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[3]
 
 async def test_random_moves_arrive_in_time_and_in_place():
     process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "tests.bench.moves", "--moves", "15",
+        sys.executable, "-m", "tests.bench.moves", "--moves", "20",
         cwd=ROOT, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
     )  # fmt: skip
     table, complaints = (text.decode() for text in await process.communicate())
