@@ -25,8 +25,10 @@ from ptzd.sim.rig_truth import fisheye_camera
 from ptzd.sim.scene import Scene, load_scene
 from ptzd.sim.settings import SimSettings
 
-PATIENCE_S = 40.0
+PATIENCE_S = 100.0
 """For anything that must happen; a loaded machine is slow, a hang is a failure."""
+ANSWER_S = 10.0
+"""For the answer to a query, and for the silence after one that gets none."""
 
 
 class Site:
@@ -79,7 +81,7 @@ class Site:
         """Connect as soon as the bus is open; anything the rig says from then on is heard."""
         async with asyncio.timeout(PATIENCE_S):
             while True:
-                client = Client.open(self.endpoint, rig=RIG)
+                client = Client.open(self.endpoint, rig=RIG, timeout_s=ANSWER_S)
                 try:
                     self.client = await self._stack.enter_async_context(client)
                     await self.client.status()
@@ -110,7 +112,9 @@ class Site:
             await self._news.wait_for(condition)
 
     async def until_state(self, state: str, patience_s: float = PATIENCE_S) -> None:
-        await self.until(lambda: self.state == state, patience_s)
+        """Until the rig is in a state, or was in it since this was asked."""
+        told = len(self.statuses)
+        await self.until(lambda: state in {self.state, *(item.state for item in self.statuses[told:])}, patience_s)
 
     async def until_truth(self, condition: Callable[[], bool]) -> None:
         """Wait until something is true in the simulator, which tells nobody."""
