@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ptzd.geometry.types import pixel_angle_rad
 from ptzd.matching.arrays import Mask
 
 if TYPE_CHECKING:
@@ -31,7 +30,7 @@ class RayField:
     corners: Array
     """(4, 3) rays of the box's corners; the centre's ray for corners outside the image circle."""
     seen: bool
-    """Whether the centre is inside the image circle."""
+    """Whether the centre and something around it are inside the image circle."""
     pixel_rad: float
     """Angle of a pixel at the centre, geometric mean of both directions."""
     nodes: tuple[Array, Array]
@@ -49,13 +48,13 @@ class RayField:
         near = [(cx - 0.5, cy), (cx + 0.5, cy), (cx, cy - 0.5), (cx, cy + 0.5)]
         few = np.array([box.centre, *near, *box.corners])
         rays, valid = camera.lift(np.concatenate([few, np.stack(np.meshgrid(*nodes), axis=-1).reshape(-1, 2)]))
-        pixel_rad = _pixel_rad(rays[:5]) if valid[:5].all() or not valid[0] else pixel_angle_rad(camera, box.centre)
+        pixel_rad = _pixel_rad(rays[:5], valid[:5])
         known = bool(valid[9:].all()) and (max(box.w, box.h) + 2 * margin_px) * pixel_rad <= INTERPOLATED_RAD
         return cls(
             camera=camera,
             centre=rays[0],
             corners=np.where(valid[5:9, None], rays[5:9], rays[0]),
-            seen=bool(valid[0]),
+            seen=bool(valid[0]) and pixel_rad > 0.0,
             pixel_rad=pixel_rad,
             nodes=(nodes[0], nodes[1]),
             node_rays=rays[9:].reshape(NODES, NODES, 3).transpose(2, 0, 1) if known else None,
@@ -71,10 +70,17 @@ class RayField:
         return rows.reshape(3, -1).T, np.ones(x.size * y.size, bool)
 
 
-def _pixel_rad(rays: Array) -> float:
-    """Angle of a pixel from the rays at its centre, left, right, upper and lower edge."""
-    (ax, ay, az), (bx, by, bz) = (rays[2] - rays[1]).tolist(), (rays[4] - rays[3]).tolist()
-    return math.sqrt(math.hypot(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx))
+def _pixel_rad(rays: Array, valid: Mask) -> float:
+    """Angle of a pixel from the rays at its centre, left, right, upper and lower edge.
+
+    At the rim of the image circle the half of a pixel that is inside stands for both, and one direction for the other
+    where that has no half inside; 0 where there is nothing.
+    """
+    reach = np.where(valid[1:, None], rays[1:], rays[0])
+    across, down = (reach[1::2] - reach[::2]) * (2.0 / np.maximum(1.0 * valid[1::2] + valid[2::2], 1.0))[:, None]
+    (ax, ay, az), (bx, by, bz) = across.tolist(), down.tolist()
+    area = math.hypot(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
+    return math.sqrt(area) if area > 0.0 else max(math.hypot(ax, ay, az), math.hypot(bx, by, bz))
 
 
 def _chebyshev(low: float, high: float) -> Array:
