@@ -219,5 +219,5 @@ def _vitals(daemon: Daemon, log: McapLog) -> tuple[Vital, ...]:
             limit_s=VITAL_S,
             excused=lambda: not head.health.well,
         ),
-        Vital(name="log", progress=lambda: log.stats().messages, limit_s=VITAL_S),
+        Vital(name="log", progress=lambda: log.beats, limit_s=VITAL_S),
     )

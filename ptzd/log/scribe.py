@@ -113,6 +113,8 @@ class Scribe:
         self.snapshots = 0
         """How many snapshots were taken from the inbox."""
         self._ended = False
+        self.beats = 0
+        """Turns of the thread: changes at least every :data:`SYNC_S` while it lives, whatever the disk does."""
 
     @property
     def ended(self) -> bool:
@@ -178,6 +180,7 @@ class Scribe:
                 elif isinstance(item, Settle):
                     self._settle(item)
                 self._tend()
+                self.beats += 1
             self._end()
         finally:
             self._ended = True

@@ -272,6 +272,11 @@ class McapLog:
         """Whole files of this rig, oldest first."""
         return [stored.path for stored in retention.closed_files(self._directory, self._rig)]
 
+    @property
+    def beats(self) -> int:
+        """Sign of life of the writer: changes every second, with a full disk and with nothing to write as well."""
+        return self._scribe.beats
+
     def stats(self) -> LogStats:
         """How the log is doing."""
         counters = asdict(self._scribe.counters)

@@ -144,6 +144,20 @@ async def test_a_disk_that_never_comes_back(settings, run, clock, picture, disk)
     assert all_sequences(log) == list(range(5))
 
 
+async def test_a_writer_without_a_disk_is_alive(settings, run, clock, disk):
+    """The service manager must not restart a daemon whose disk is full: it would not come up again."""
+    async with McapLog(settings(), run, clock) as log:
+        disk.room = 0
+        told(log, range(3))
+        await until(lambda: log.current_file is None)
+        written, beats = log.stats().messages, log.beats
+        await until(lambda: log.beats > beats + 5)
+        assert log.stats().messages == written
+        disk.room = 1 << 60
+        await until(lambda: not log.stats().degraded)
+    assert all_sequences(log) == [0, 1, 2]
+
+
 async def test_the_log_tells_what_it_lacks(settings, run, clock, picture, disk):
     async with McapLog(settings(), run, clock) as log:
         told(log, range(3))
