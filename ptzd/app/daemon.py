@@ -52,7 +52,7 @@ class _Parts:
 
 
 async def run(loaded: Loaded, *, ready: Callable[[], None] = lambda: None) -> None:
-    """Serve until SIGTERM or SIGINT; SIGHUP reads the settings again.
+    """Serve until SIGTERM or SIGINT. SIGHUP reads the settings again; from a terminal that closes it is the end.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ async def run(loaded: Loaded, *, ready: Callable[[], None] = lambda: None) -> No
     cv2.setNumThreads(OPENCV_THREADS)
     stop, again = asyncio.Event(), asyncio.Event()
     loop = asyncio.get_running_loop()
-    wanted = {signal.SIGTERM: stop, signal.SIGINT: stop, signal.SIGHUP: again}
+    wanted = {signal.SIGTERM: stop, signal.SIGINT: stop, signal.SIGHUP: stop if os.isatty(0) else again}
     for number, event in wanted.items():
         loop.add_signal_handler(number, event.set)
     try:

@@ -66,12 +66,14 @@ class Site:
         if wait_ready:
             await self.until(self.ready.is_set)
 
-    async def spawn(self, *, state: str = "IDLE") -> asyncio.subprocess.Process:
+    async def spawn(
+        self, *, state: str = "IDLE", stdin: int = asyncio.subprocess.DEVNULL
+    ) -> asyncio.subprocess.Process:
         """The daemon as a process of its own."""
         environ = {**os.environ, "PYTHONUNBUFFERED": "1"}
         self.process = await asyncio.create_subprocess_exec(
             sys.executable, "-m", "ptzd", "run", "--config", str(self.config),
-            stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE, env=environ,
+            stdin=stdin, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE, env=environ,
         )  # fmt: skip
         await self._listen()
         await self.until_state(state)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import signal
 
 
@@ -36,3 +37,16 @@ async def test_settings_change_while_it_runs_and_both_logs_replay(make_site) -> 
     await site.process.communicate()
     await site.end()
     assert len(list((site.folder / "log").glob("*.mcap"))) == 3
+
+
+async def test_a_terminal_that_closes_ends_the_daemon_in_order(make_site) -> None:
+    site = await make_site()
+    ours, theirs = os.openpty()
+    await site.spawn(stdin=theirs)
+    site.process.send_signal(signal.SIGHUP)
+    _, errors = await site.process.communicate()
+    assert site.process.returncode == 0
+    assert b"settings" not in errors
+    os.close(ours)
+    os.close(theirs)
+    await site.end()
