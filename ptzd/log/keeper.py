@@ -28,7 +28,7 @@ PATIENCE_S = 0.5
 
 
 class Keeper:
-    """Runs errands one after the other; every method returns at once, except :meth:`wait` and :meth:`end`.
+    """Runs errands one after the other; every method but those that say so returns at once.
 
     Parameters
     ----------
@@ -60,12 +60,12 @@ class Keeper:
         self._thread.start()
 
     def end(self) -> None:
-        """Run what waits, then no more."""
+        """Run what waits, then no more; waits for that."""
         self._errands.put(None)
         self._thread.join()
 
     def wait(self) -> None:
-        """Return when all errands so far are done, or none will be any more."""
+        """Wait until all errands so far are done, or none will be any more."""
         done = threading.Event()
         self._errands.put(done.set)
         while not done.wait(PATIENCE_S) and not self.ended:
@@ -101,7 +101,7 @@ class Keeper:
 
     def retain(self, settings: LogSettings, open_bytes: int) -> None:
         """Delete what is too much, too old, or in the way; ``open_bytes`` is the size of the file being written."""
-        self._errands.put(lambda: self._retain(settings, open_bytes))
+        self._errands.put(lambda: self.retain_now(settings, open_bytes))
 
     def _run(self) -> None:
         try:
@@ -139,7 +139,8 @@ class Keeper:
             else:
                 self.notes.append((Level.INFO, f"{report.path.name}: recovered: {report.note}"))
 
-    def _retain(self, settings: LogSettings, open_bytes: int) -> None:
+    def retain_now(self, settings: LogSettings, open_bytes: int) -> None:
+        """The same in the caller's thread."""
         try:
             files = retention.closed_files(self._directory, self._rig)
             free = retention.free_bytes(self._directory)

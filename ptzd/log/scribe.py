@@ -138,6 +138,10 @@ class Scribe:
         """Of the file being written, s."""
         return time.monotonic() - self._opened_s
 
+    def make_room(self) -> None:
+        """Delete old files before anything is written; for a start on a disk that is full."""
+        self._keeper.retain_now(self._settings, 0)
+
     def open(self) -> None:
         """Begin a file.
 

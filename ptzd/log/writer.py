@@ -130,6 +130,7 @@ class McapLog:
 
     def _open(self) -> None:
         self._directory.mkdir(parents=True, exist_ok=True)
+        self._scribe.make_room()
         self._notes = tuple(recover_directory(self._directory))
         self._scribe.open()
         for note in self._notes:
