@@ -1,6 +1,7 @@
 """Fit the decision's probability to a bench's records.
 
-    python -m tests.bench.accuracy --matchers sweep --json RECORDS.json
+    python -m tests.bench.accuracy --scene room,yard --matchers sweep --json RECORDS.json
+    python -m tests.bench.accuracy --scene warehouse --matchers sweep --json HELD_OUT.json
     python -m tests.bench.fit RECORDS.json [--test HELD_OUT.json]
 
 Prints the coefficients for ``ptzd/control/decision.py`` and how well they tell right (within 1°) from wrong.

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.bench import plots
-from tests.bench.conditions import CONDITIONS, PAPER_VARIANCES
+from tests.bench.conditions import PAPER_VARIANCES
 from tests.bench.real import REAL
 from tests.bench.rows import HELD_OUT, ROWS, SUMMARY, TUNING, Figures, Record, Row
 
@@ -121,10 +121,11 @@ def conditions_of_run(records: Sequence[Record]) -> str:
     """One sentence on what was run."""
     regions = {scene: len({r["region"] for r in records if r["scene"] == scene}) for scene in (*RENDERED, *REAL)}
     edges = {(r["scene"], r["region"]) for r in records if r["edge"] and r["condition"] == "clean"}
-    of_peers = {(r["scene"], r["region"]) for r in records if r["matcher"] in PEERS and r["scene"] in RENDERED}
+    others = [r for r in records if r["matcher"] in PEERS and r["scene"] in RENDERED]
+    of_peers = {(r["scene"], r["region"]) for r in others}
     counts = ", ".join(f"{scene} {count}" for scene, count in regions.items() if count)
     answers = sum(r["matcher"] == "sweep" for r in records)
-    conditions = sum(condition.others for condition in CONDITIONS)
+    conditions = len({r["condition"] for r in others})
     return (
         f"{answers} answers of `sweep`. Regions: {counts}. `harris` and the peers got {len(of_peers)} of the rendered "
         f"ones in {conditions} conditions. In {len(edges)} regions an occluding edge runs through the centre's pixel. "
