@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ptzd.matching.patch import Patch
     from ptzd.matching.view import WorkingView
 
-WINDOWS = (0.5,)
+WINDOWS = (0.5, 0.3)
 """Sides of the windows, in sides of the box."""
 LEAST_SIDE = 8
 """Grid steps."""
