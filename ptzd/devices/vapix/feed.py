@@ -25,6 +25,12 @@ class Feed(Generic[T]):
         self._count = 0
         self._failure: DeviceError | None = DeviceLost("not connected; describe() comes first")
         self._changed = asyncio.Event()
+        self._openings = 0
+
+    @property
+    def openings(self) -> int:
+        """How often it was opened: a higher number is another connection."""
+        return self._openings
 
     @property
     def count(self) -> int:
@@ -40,6 +46,7 @@ class Feed(Generic[T]):
         """Start anew after a failure; earlier values are gone."""
         self._values.clear()
         self._failure = None
+        self._openings += 1
 
     def publish(self, value: T) -> None:
         """Hand out the next value."""

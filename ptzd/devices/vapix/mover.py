@@ -106,13 +106,18 @@ class Mover:
                 raise DeviceRefused(f"{self._client.origin}: the head still moves though it was told to stop")
 
     async def _send_stops(self, end_s: float) -> None:
-        """Both stops, again and again until the camera took them or the time is over."""
+        """Both stops, again and again until the camera took them or the time is over.
+
+        An attempt that fails after the camera was connected anew says nothing of the new connection: one more is made.
+        """
         while True:
+            connection = self._poller.feed.openings
             try:
                 for request in requests.stops(self._settings.camera):
                     await self._write(request, None)
             except DeviceLost:
-                if asyncio.get_running_loop().time() >= end_s:
+                late = asyncio.get_running_loop().time() >= end_s
+                if late and connection == self._poller.feed.openings:
                     raise
                 await asyncio.sleep(RETRY_S)
             else:

@@ -61,6 +61,7 @@ class Run:
         "_begin_ns",
         "_first",
         "_highest",
+        "_leading",
         "_lowest",
         "_squares",
         "_sums",
@@ -75,6 +76,7 @@ class Run:
         self._first = reading
         self._lowest = self._highest = self._sums = self._squares = (0.0, 0.0, 0.0)
         self._begin_ns = t_ns
+        self._leading = 1
         self.count = 1
         self.witnessed = False
         """Whether the camera itself said that the motion ended, and a report after that agreed."""
@@ -96,6 +98,7 @@ class Run:
         self._lowest, self._highest = lowest, highest
         self._sums = _each(lambda a, b: a + b, self._sums, offset)
         self._squares = _each(lambda a, b: a + b * b, self._squares, offset)
+        self._leading += self._leading == self.count and offset == (0.0, 0.0, 0.0)
         self.count += 1
         self.span_ns = t_ns - self._begin_ns
         self.last_ns = max(self.last_ns, t_ns - half_round_trip_ns)
@@ -107,12 +110,12 @@ class Run:
 
     @property
     def _counted(self) -> int:
-        """Reports in the sums: offsets count from the first report, whose own is zero."""
-        return max(1, self.count - 1)
+        """Reports that count: those that repeat the first one, which may still show the end of the motion, do not."""
+        return max(1, self.count - self._leading)
 
     @property
     def mean(self) -> HeadReading:
-        """Mean of the reports, pan within (−180, 180]; the first one may still show the end of the motion."""
+        """Mean of the reports, pan within (−180, 180]; the first and its repetitions only when no others follow."""
         pan, tilt, zoom = (total / self._counted for total in self._sums)
         first = self._first
         return HeadReading(

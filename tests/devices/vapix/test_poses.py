@@ -53,6 +53,12 @@ def test_jitter_within_the_span_is_rest():
     assert 0.005 < ring.rest.sigma_deg < 0.01
 
 
+def test_an_old_report_that_comes_twice_does_not_spoil_the_mean():
+    ring, _ = ring_of([5, 7, 7.99, 7.99, 8, 8, 8, 8])
+    assert ring.rest.mean == at(8)
+    assert ring.rest.sigma_deg == pytest.approx(0.005)
+
+
 def test_motion_without_a_command_is_foreign_until_rest():
     _, poses = ring_of([5] * 5 + [6, 7, 8] + [9] * 6)
     assert [pose.foreign for pose in poses] == [False] * 5 + [True] * 6 + [False] * 3
