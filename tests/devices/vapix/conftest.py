@@ -218,7 +218,7 @@ def settings_for(password_file):
     def make(camera: FakeCamera, **changes) -> Ptz:
         values = {
             "url": camera.url, "user": USER, "password_file": str(password_file), "size_px": (64, 48), "fps": 25.0,
-            "poll_hz": 25.0, "settle_s": 0.05, "image_latency_s": 0.01, "report_lag_s": 0.01, "stall_s": 1.0,
+            "poll_hz": 25.0, "settle_s": 0.05, "image_latency_s": 0.01, "report_lag_s": 0.01, "stall_s": 5.0,
             "move_spacing_s": 0.02,
         }  # fmt: skip
         return Ptz(**(values | changes))
@@ -231,6 +231,18 @@ async def head(camera, settings_for, clock):
     async with VapixHead(settings_for(camera), Limits(), clock, jitter=lambda: 0.5) as head:
         await head.describe()
         yield head
+
+
+@pytest.fixture
+def eventually():
+    """Waits for what is seen by looking only; a loaded machine is slow, a hang is a failure."""
+
+    async def wait(condition: Callable[[], bool]) -> None:
+        async with asyncio.timeout(100):
+            while not condition():  # noqa: ASYNC110
+                await asyncio.sleep(0.005)
+
+    return wait
 
 
 @pytest.fixture

@@ -59,15 +59,17 @@ async def test_a_cut_stream_is_opened_again_without_anybody_noticing(head, camer
     await pictures.aclose()
 
 
-async def test_a_stalled_stream_is_lost(head, camera):
+async def test_a_stalled_stream_is_lost(camera, settings_for, clock):
     async def stall(_request):
         await asyncio.sleep(30)
 
-    camera.faults[VIDEO] = stall
-    camera.frame = lambda _number: (_ for _ in ()).throw(ConnectionError)
-    with pytest.raises(DeviceLost, match=r"video\.cgi.*no (complete picture for 1 s|answer in time)"):
-        async for _ in head.pictures():
-            pass
+    async with VapixHead(settings_for(camera, stall_s=1.0), Limits(), clock) as head:
+        await head.describe()
+        camera.faults[VIDEO] = stall
+        camera.frame = lambda _number: (_ for _ in ()).throw(ConnectionError)
+        with pytest.raises(DeviceLost, match=r"video\.cgi.*no (complete picture for 1 s|answer in time)"):
+            async for _ in head.pictures():
+                pass
 
 
 async def test_an_overloaded_camera_has_its_rest(camera, settings_for, clock):

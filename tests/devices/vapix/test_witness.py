@@ -81,19 +81,14 @@ def events(camera):
     return events
 
 
-async def eventually(condition) -> None:
-    async with asyncio.timeout(5):
-        while not condition():  # noqa: ASYNC110 (what is waited for has no event of its own)
-            await asyncio.sleep(0.01)
-
-
-async def test_the_cameras_word_ends_a_move_sooner(events, camera, settings_for, clock):
+async def test_the_cameras_word_ends_a_move_sooner(events, camera, settings_for, clock, eventually):
+    camera.speed_deg_s = 20.0
     async with VapixHead(settings_for(camera), Limits(), clock) as head:
         await head.describe()
         await eventually(lambda: head._witness.listening)
         assert events.asked[0]["params"]["eventFilterList"] == [{"topicFilter": "tns1:PTZController/tnsaxis:Move//."}]
         move = asyncio.create_task(head.move(HeadReading(pan_deg=20, tilt_deg=0, zoom=1)))
-        await asyncio.sleep(0.05)
+        await eventually(lambda: camera.place()[0] > 1)
         await events.say(told("1"))
         await eventually(lambda: camera.place()[0] == 20)
         await events.say(told("0"))
@@ -101,7 +96,7 @@ async def test_the_cameras_word_ends_a_move_sooner(events, camera, settings_for,
         assert head._poses.rest.witnessed
 
 
-async def test_a_stream_that_breaks_is_opened_again_and_costs_nothing(events, camera, settings_for, clock):
+async def test_a_stream_that_breaks_is_opened_again_and_costs_nothing(events, camera, settings_for, clock, eventually):
     async with VapixHead(settings_for(camera), Limits(), clock, jitter=lambda: 0.999) as head:
         await head.describe()
         await eventually(lambda: head._witness.listening)
