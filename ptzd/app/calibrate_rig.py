@@ -34,6 +34,7 @@ from ptzd.calibration.features import Features, find_features, match
 from ptzd.calibration.file import dump_rig, fisheye_section, read_rig
 from ptzd.calibration.lens import KANNALA_BRANDT, PERSPECTIVE, UNIFIED, Lens
 from ptzd.calibration.pictures import Boards, read_boards, read_grey
+from ptzd.calibration.planes import refine_by_planes
 from ptzd.calibration.rotation import TurnedPicture, calibrate_turning, collect, without_poor_zooms
 from ptzd.calibration.scene_rig import ScenePairs, SceneRigFit, calibrate_scene_rig
 from ptzd.calibration.target import Target
@@ -290,6 +291,7 @@ def rig_from_scene(shots_path: Path, fisheye_path: Path, work: Path, out: Path, 
     pairs = scene_pairs(grey, shots, [grey_of(shots_path.parent / shot.image) for shot in shots], table, head)
     height, width = grey.shape
     fit = calibrate_scene_rig(pairs, (width, height), None if known is None else lens_of(known)[1], progress=say)
+    fit = refine_by_planes(fit, (width, height), held=known is not None, progress=say)
     camera = known or _to_edge(fit, (width, height))
     sigma = np.sqrt(np.diag(fit.covariance))
     across = 1.4826 * float(np.nanmedian(np.abs(fit.across_rad)))
@@ -313,6 +315,7 @@ def rig_from_scene(shots_path: Path, fisheye_path: Path, work: Path, out: Path, 
     quality = {
         "method": "scene",
         "features": len(fit.pairs.directions),
+        "planes": fit.planes,
         "rms_px": fit.rms_px,
         "across_median_deg": math.degrees(float(np.nanmedian(np.abs(fit.across_rad)))),
         "fisheye": "from a board" if known is not None else "from the scene",
@@ -321,8 +324,8 @@ def rig_from_scene(shots_path: Path, fisheye_path: Path, work: Path, out: Path, 
         write_part(work, "fisheye_from_scene", fisheye_section(camera), quality)
     written = write_rig(rig, out, quality)
     lines = (
-        f"rig: {quality['features']} features agree to {quality['across_median_deg']:.3f}° across their circles "
-        f"(median), {fit.rms_px:.3f} px",
+        f"rig: {quality['features']} features on {fit.planes} planes agree to {quality['across_median_deg']:.3f}° "
+        f"across their circles (median), {fit.rms_px:.3f} px",
         "  no board of known size: |T| = 1, ranges are in baselines (metric: false)",
         verdict(rig),
     )

@@ -58,13 +58,16 @@ def settings(path: Path) -> Config:
 def plan(
     limits: HeadLimits, zooms: Sequence[float] = ZOOMS, centre: tuple[float, float] | None = None
 ) -> list[HeadReading]:
-    """Where to look: all around at the widest zoom, and a cross of six at every longer one."""
-    tilt_low, tilt_high = max(limits.tilt_deg[0], -55.0), min(limits.tilt_deg[1], 45.0)
-    pan_low, pan_high = max(limits.pan_deg[0], -80.0), min(limits.pan_deg[1], 80.0)
-    tilts = np.linspace(tilt_low, tilt_high, max(2, math.ceil((tilt_high - tilt_low) / 25.0) + 1))
+    """Where to look: all around at the widest zoom, as far up and down as the head goes, and a cross of six at longer.
+
+    What lies high and low tells R from the lens: without it both err together, along the arcs.
+    """
+    tilt_low, tilt_high = max(limits.tilt_deg[0], -65.0), min(limits.tilt_deg[1], 75.0)
+    pan_low, pan_high = max(limits.pan_deg[0], -84.0), min(limits.pan_deg[1], 84.0)
+    tilts = np.linspace(tilt_low, tilt_high, max(2, math.ceil((tilt_high - tilt_low) / 22.0) + 1))
     readings = [
         HeadReading(pan_deg=float(pan), tilt_deg=float(tilt), zoom=1.0)
-        for pan in np.linspace(pan_low, pan_high, 5)
+        for pan in np.linspace(pan_low, pan_high, 7)
         for tilt in tilts
     ]
     middle = centre or (10.0, float(np.clip(-8.0, tilt_low, tilt_high)))

@@ -10,7 +10,7 @@ import numpy as np
 
 from ptzd.app.calibrate_rig import board_pairs, grey_of, scene_pairs
 from ptzd.app.calibrating import Outcome, read_shots
-from ptzd.calibration.file import load_rig
+from ptzd.calibration.file import load_rig, read_rig
 from ptzd.calibration.pose import plane_pose
 from ptzd.calibration.target import Target
 from ptzd.errors import CalibrationError, DeviceLost
@@ -19,8 +19,9 @@ from ptzd.geometry.sphere import angle_between, normalise, rotation_from_rotvec
 from ptzd.geometry.types import Array
 from ptzd.model import HeadReading
 
-NEAR_RAD = math.radians(2.0)
-"""Matches farther off their circle are chance."""
+NEAR_RAD, CHANCE_RAD = math.radians(2.0), math.radians(1.0)
+"""Matches farther off their circle than the first are chance; so are those between both, which tell how many of the
+nearer ones are, since chance lies evenly across a circle."""
 WIDEST_RAD = math.radians(25.0)
 MIN_MATCHES = 30
 
@@ -48,8 +49,20 @@ def with_scene(shots_path: Path, fisheye_path: Path, calibration: Path) -> Outco
             f"verify: {int(good.sum())} matches lie within {math.degrees(NEAR_RAD):g}° of their circles; the "
             "calibration does not belong to these pictures, or they show nothing in common: calibrate again"
         )
-    line, document = _summary("across the circles", off[good])
+    line, document = _without_chance("across the circles", off[good])
     return Outcome(lines=(line,), document={"across": document}, written=())
+
+
+def _without_chance(name: str, errors_rad: Array) -> tuple[str, dict[str, object]]:
+    """Percentiles of the true matches among some that are chance."""
+    ordered = np.sort(errors_rad)
+    density = float((ordered > CHANCE_RAD).sum()) / (NEAR_RAD - CHANCE_RAD)
+    true = np.maximum.accumulate(np.arange(1, len(ordered) + 1) - density * ordered)
+    total = max(len(ordered) - density * NEAR_RAD, 1.0)
+    middle, most = (math.degrees(ordered[int(np.searchsorted(true, share * total))]) for share in (0.5, 0.95))
+    chance = 1.0 - total / len(ordered)
+    line = f"{name}: median {middle:.3f}°, 95 % {most:.3f}° of {total:.0f} matches, another {chance:.0%} are chance"
+    return line, {"median_deg": middle, "p95_deg": most, "count": round(total), "chance": chance}
 
 
 def with_boards(shots_path: Path, target: Target, calibration: Path) -> Outcome:
@@ -75,20 +88,27 @@ def with_boards(shots_path: Path, target: Target, calibration: Path) -> Outcome:
 
 
 async def with_truth(url: str, calibration: Path, step_px: float = 24.0) -> Outcome:
-    """Pointing error against a simulated rig's side channel, over the fisheye's picture."""
+    """Pointing error against a simulated rig's side channel.
+
+    Over a grid of the fisheye's picture, wherever the surface that is seen there is also seen from the PTZ: the angle
+    between where the rig points at the surface's true range (in true baselines when the rig is not metric) and where
+    the head must point.
+    """
     rig = load_rig(calibration)
     width, height = rig.fisheye.size_px
     told, across = [], []
     try:
         async with aiohttp.ClientSession() as session:
+            unit_m = 1.0 if rig.metric else await _baseline_m(session, url)
             for x in np.arange(step_px, width - step_px, step_px).tolist():
                 for y in np.arange(step_px, height - step_px, step_px).tolist():
                     if not bool(rig.fisheye.lift(np.array([x, y]))[1]):
                         continue
                     async with session.get(f"{url}/truth/direction", params={"x": str(x), "y": str(y)}) as answer:
-                        if answer.status == 200:
-                            truth = await answer.json()
-                            told.append(pointing_error_rad(rig, (x, y), truth["vapix"], float(truth["range_m"])))
+                        truth = await answer.json()
+                        if answer.status == 200 and truth["visible"]:
+                            range_ = float(truth["range_m"]) / unit_m
+                            told.append(pointing_error_rad(rig, (x, y), truth["vapix"], range_))
                             across.append(across_rad(rig, (x, y), truth["vapix"]))
     except aiohttp.ClientError as error:
         raise DeviceLost(f"{url}: {error}; start the simulator with `ptzd sim`") from None
@@ -96,10 +116,16 @@ async def with_truth(url: str, calibration: Path, step_px: float = 24.0) -> Outc
         raise CalibrationError(f"{url}: knows no direction; is it the side channel of `ptzd sim`?")
     line, document = _summary("pointing error across the arc", np.array(across))
     lines, result = [line], {"across": document}
-    if rig.metric:
-        line, result["pointing"] = _summary("pointing error at the true range", np.array(told))
-        lines.append(line)
+    line, result["pointing"] = _summary("pointing error at the true range", np.array(told))
+    lines.append(line)
     return Outcome(lines=tuple(lines), document={"truth": result}, written=())
+
+
+async def _baseline_m(session: aiohttp.ClientSession, url: str) -> float:
+    """The true distance of the two viewpoints, m."""
+    async with session.get(f"{url}/truth/calibration") as answer:
+        truth = read_rig(await answer.text(), url)
+    return float(np.linalg.norm(truth.head_from_fisheye_translation))
 
 
 def _wanted(rig: Rig, reading: dict[str, float]) -> Array:

@@ -32,10 +32,13 @@ LENS_SIZE = 5
 MIN_MATCHES = 40
 MAX_TURN_RAD = math.radians(75.0)
 """Pictures further apart share nothing."""
-MATCHES_PER_PAIR = 40
+MATCHES_PER_PAIR = 60
 MATCHES_PER_ZOOM = 150
-"""More change nothing that could be measured."""
+MATCHES_WIDEST = 1200
+"""The widest zoom measures the head and stands for the rig; at the others more change nothing that could be seen."""
 STRAY_PX = 3.0
+SCALES_PX = (20.0, 5.0, 1.5)
+"""Residuals that count in full, stage by stage: pictures are bent by many pixels before the lens is known."""
 _PRIOR_PX = 0.3
 """What a residual is about: priors weigh like one match."""
 _HEAD = len(NEUTRAL)
@@ -172,6 +175,12 @@ def calibrate_turning(
     signs, focals = _start(found, angles, level, len(zooms), size_px)
     progress(f"signs pan {signs.pan:+d}, tilt {signs.tilt:+d}; first focal lengths {np.round(focals).tolist()} px")
     shared = np.concatenate([NEUTRAL, *([f, (size_px[0] - 1) / 2, (size_px[1] - 1) / 2, 0.0, 0.0] for f in focals)])
+    wide = found.only(np.flatnonzero((level[found.first] == 0) & (level[found.second] == 0)))
+    first = slice(0, _HEAD + LENS_SIZE)
+    for scale in SCALES_PX:
+        shared[first] = _bundle(wide, angles, 0 * level, signs, shared[first], size_px, scale).shared
+    solution = _bundle(found, angles, level, signs, shared, size_px, SCALES_PX[0])
+    shared = _bundle(found, angles, level, signs, solution.shared, size_px, SCALES_PX[-1]).shared
     solution = _bundle(found, angles, level, signs, shared, size_px)
     lengths = np.linalg.norm(solution.residuals, axis=1).reshape(-1, 2).max(axis=1)
     kept = lengths < max(STRAY_PX, 5.0 * float(np.median(lengths)))
@@ -182,14 +191,14 @@ def calibrate_turning(
 
 
 def _thinned(found: Matches, zooms: Sequence[float]) -> Matches:
-    """At most `MATCHES_PER_ZOOM` of every combination of zooms."""
+    """At most `MATCHES_PER_ZOOM` of every combination of zooms, and `MATCHES_WIDEST` of the widest."""
     zoom = np.array(zooms)
     kinds = np.stack([zoom[found.first], zoom[found.second]], axis=-1)
-    rows = [
-        mine[np.linspace(0, len(mine) - 1, min(len(mine), MATCHES_PER_ZOOM)).astype(int)]
-        for kind in np.unique(kinds, axis=0)
-        for mine in [np.flatnonzero((kinds == kind).all(axis=1))]
-    ]
+    rows = []
+    for kind in np.unique(kinds, axis=0):
+        mine = np.flatnonzero((kinds == kind).all(axis=1))
+        most = MATCHES_WIDEST if (kind == zoom.min()).all() else MATCHES_PER_ZOOM
+        rows.append(mine[np.linspace(0, len(mine) - 1, min(len(mine), most)).astype(int)])
     return found.only(np.sort(np.concatenate(rows)))
 
 
@@ -237,7 +246,13 @@ def _transfer(found: Matches, own: Ints, relative: Array, focal: float, size_px:
 
 
 def _bundle(
-    found: Matches, angles: Array, level: Ints, signs: Signs, start: Array, size_px: tuple[int, int]
+    found: Matches,
+    angles: Array,
+    level: Ints,
+    signs: Signs,
+    start: Array,
+    size_px: tuple[int, int],
+    scale: float | None = None,
 ) -> Solution:
     count = len(found.first)
     picture = np.stack([found.first, found.second], axis=1).ravel()
@@ -279,8 +294,9 @@ def _bundle(
         group=np.repeat(np.arange(count), 2),
         free=np.ones(len(start), bool),
         loss="cauchy",
+        scale=scale,
         steps=25,
-        tolerance=1e-7,
+        tolerance=1e-6 if scale is None else 1e-5,
         prior_mean=mean,
         prior_sigma=sigma,
     )

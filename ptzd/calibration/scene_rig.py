@@ -25,6 +25,8 @@ from ptzd.geometry.sphere import normalise, rotation_from_rotvec, rotvec_from_ro
 from ptzd.geometry.types import Array, CameraModel, Mask
 
 MIN_PAIRS = 60
+LENS_AND_RIG = 14
+"""Shared numbers: the lens, the turn, two coordinates of T."""
 PARALLAX_RAD = math.radians(14.0)
 """Widest parallax that the first turn tolerates: a third of a metre at 1.4 m."""
 TRIALS = 3000
@@ -67,6 +69,8 @@ class SceneRigFit:
     across_rad: Array
     """Signed angles off the circles ``(n,)``."""
     rms_px: float
+    planes: int = 0
+    """Planes of the scene that took part."""
 
 
 def first_lens(size_px: tuple[int, int], circle_px: tuple[float, float, float] | None) -> list[Array]:
@@ -158,7 +162,7 @@ def calibrate_scene_rig(
     tried = [(*first_turn(UNIFIED.camera(lens, size_px, WIDE_RAD), pairs), lens) for lens in lenses]
     rotation, near, values = max(tried, key=lambda item: int(item[1].sum()))
     progress(f"{int(near.sum())} of {len(near)} matches agree with one turn")
-    _enough(int(near.sum()), len(near))
+    enough(int(near.sum()), len(near))
     chosen = pairs.only(near)
     rays, valid = UNIFIED.camera(values, size_px, WIDE_RAD).lift(chosen.fisheye_px)
     chosen, rays = chosen.only(valid), rays[valid]
@@ -168,7 +172,7 @@ def calibrate_scene_rig(
     for stage, limit in zip(stages, (4.0, 2.5, 1.5, 1.0), strict=True):
         free = np.zeros(UNIFIED.size, bool) if known is not None else _free(stage)
         solution, frame = _bundle(chosen, values, rotation, unit, free)
-        values = _lens(solution.shared)
+        values = lens_values(solution.shared)
         rotation = rotation_from_rotvec(solution.shared[9:12])
         unit = normalise(frame[:, 0] + frame[:, 1:] @ solution.shared[12:14])
         lengths = np.linalg.norm(solution.residuals[0::2], axis=1)
@@ -176,12 +180,13 @@ def calibrate_scene_rig(
         kept = lengths < size
         progress(f"{int(kept.sum())} of {len(kept)} features within {size:.2f} px")
         chosen = chosen.only(kept)
-        _enough(len(chosen.directions), len(near))
+        enough(len(chosen.directions), len(near))
     solution, frame = _bundle(chosen, values, rotation, unit, np.full(9, known is None))
-    return _result(solution, frame, chosen, size_px)
+    return result(solution, frame, chosen, size_px, solution.residuals[0::2])
 
 
-def _enough(count: int, total: int) -> None:
+def enough(count: int, total: int) -> None:
+    """Raise when too few matches agree."""
     if count < MIN_PAIRS:
         raise CalibrationError(
             f"scene: only {count} of {total} matches between fisheye and PTZ agree; at least {MIN_PAIRS} are needed: "
@@ -201,9 +206,7 @@ def _bundle(pairs: ScenePairs, values: Array, rotation: Array, unit: Array, free
     With X = direction and the fisheye at T: ``P_f ∝ Rᵀ (direction - s T)``. The direction's own residual is put in
     fisheye pixels at its sigma, so both count by what they know.
     """
-    helper = np.eye(3)[int(np.argmin(np.abs(unit)))]
-    first = normalise(np.cross(unit, helper))
-    frame = np.stack([unit, first, np.cross(unit, first)], axis=-1)
+    frame = frame_of(unit)
     base = pairs.directions
     across = normalise(np.cross(base, np.where(np.abs(base[:, :1]) < 0.8, [[1.0, 0, 0]], [[0, 1.0, 0]])))
     plane = np.stack([across, np.cross(base, across)], axis=-1)
@@ -214,7 +217,7 @@ def _bundle(pairs: ScenePairs, values: Array, rotation: Array, unit: Array, free
         turn = rotation_from_rotvec(shared[9:12])
         shift = frame[:, 0] + frame[:, 1:] @ shared[12:14]
         points = base + np.einsum("nij,nj->ni", plane, local[:, :2]) - local[:, 2:] * shift
-        predicted, by_lens, by_point = UNIFIED.project(_lens(shared), points @ turn)
+        predicted, by_lens, by_point = UNIFIED.project(lens_values(shared), points @ turn)
         by_lens[:, :, 0] += shared[1] * by_lens[:, :, 1]
         by_lens[:, :, 1] *= shared[0]
         by_head = by_point @ turn.T
@@ -231,9 +234,7 @@ def _bundle(pairs: ScenePairs, values: Array, rotation: Array, unit: Array, free
         by_local[1::2, 0, 0] = by_local[1::2, 1, 1] = weight
         return residuals, by_shared, by_local
 
-    scale = float(values[0])
-    middle = np.array([values[0], 1.0, *values[2:4], 1.1, 0.0, 0.0, 0.0, 0.0])
-    loose = np.array([math.inf, 0.002, 0.02 * scale, 0.02 * scale, 0.3, 0.3, 0.1, 3e-4, 3e-4])
+    middle, loose = lens_prior(values)
     bundle = Problem(
         linearise=linearise,
         group=np.repeat(np.arange(count), 2),
@@ -251,38 +252,54 @@ def _bundle(pairs: ScenePairs, values: Array, rotation: Array, unit: Array, free
     rays, valid = UNIFIED.camera(values, (1, 1), WIDE_RAD).lift(pairs.fisheye_px)
     carried = np.where(valid[:, None], rays, [[0.0, 0.0, 1.0]]) @ rotation.T
     local = np.zeros((count, 3))
-    local[:, 2] = _inverse_range(base, carried, unit)
+    local[:, 2] = inverse_ranges(base, carried, unit)
     return solve(bundle, start, local), frame
 
 
-def _lens(shared: Array) -> Array:
+def frame_of(unit: Array) -> Array:
+    """``(3, 3)``: a direction and two across it."""
+    helper = np.eye(3)[int(np.argmin(np.abs(unit)))]
+    first = normalise(np.cross(unit, helper))
+    return np.stack([unit, first, np.cross(unit, first)], axis=-1)
+
+
+def lens_prior(values: Array) -> tuple[Array, Array]:
+    """Mean and sigma of a lens nobody measured: square pixels, little decentring, the principal point near a guess."""
+    scale = float(values[0])
+    mean = np.array([values[0], 1.0, *values[2:4], 1.1, 0.0, 0.0, 0.0, 0.0])
+    return mean, np.array([math.inf, 0.002, 0.02 * scale, 0.02 * scale, 0.3, 0.3, 0.1, 3e-4, 3e-4])
+
+
+def lens_values(shared: Array) -> Array:
     """Parameters of the lens; the second shared number is fy / fx."""
     values: Array = shared[:9].copy()
     values[1] *= values[0]
     return values
 
 
-def _inverse_range(directions: Array, carried: Array, unit: Array) -> Array:
+def inverse_ranges(directions: Array, carried: Array, unit: Array) -> Array:
     """S with ``direction - s T`` nearest to the fisheye's ray."""
     across = np.cross(unit, carried)
     square = np.maximum((across * across).sum(1), 1e-6)
     return np.asarray(np.clip((np.cross(directions, carried) * across).sum(1) / square, -0.2, 2.0))
 
 
-def _result(solution: Solution, frame: Array, pairs: ScenePairs, size_px: tuple[int, int]) -> SceneRigFit:
-    values = _lens(solution.shared)
+def result(
+    solution: Solution, frame: Array, pairs: ScenePairs, size_px: tuple[int, int], residuals: Array
+) -> SceneRigFit:
+    """The fit of a solution whose first shared numbers are lens, turn and two coordinates of T."""
+    values = lens_values(solution.shared)
     rotation = rotations(solution.shared[None, 9:12])[0]
     unit = normalise(frame[:, 0] + frame[:, 1:] @ solution.shared[12:14])
     rays, valid = UNIFIED.camera(values, size_px, WIDE_RAD).lift(pairs.fisheye_px)
     normal: Array = normalise(np.cross(unit, rays @ rotation.T))
     across = np.where(valid, np.arcsin(np.clip((pairs.directions * normal).sum(1), -1, 1)), np.nan)
-    residuals = solution.residuals[0::2]
     return SceneRigFit(
         lens=UNIFIED,
         values=values,
         rotation=rotation,
         translation=np.asarray(unit),
-        covariance=solution.covariance,
+        covariance=solution.covariance[:LENS_AND_RIG, :LENS_AND_RIG],
         pairs=pairs,
         residuals_px=-residuals,
         across_rad=across,
