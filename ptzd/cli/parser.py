@@ -185,5 +185,5 @@ def _add_log_commands(log: argparse.ArgumentParser) -> None:
     export = actions.add_parser("export", parents=[common], help="CSV tables and a page per request")
     export.add_argument("--out", type=Path, help="folder; default: the log's name without .mcap")
     export.add_argument("--request", help="only the evidence page of this request")
-    export.add_argument("--pictures", action="store_true", help="all pictures too, with the camera's own bytes")
+    export.add_argument("--pictures", action="store_true", help="all pictures too, as sent and with overlays")
     export.set_defaults(run=offline.log_export)

@@ -83,6 +83,30 @@ def page(log: LogReader, rig: Rig, story: Story) -> str:
     )
 
 
+def overlays(log: LogReader, rig: Rig, story: Story) -> Iterator[tuple[str, drawing.Pixels]]:
+    """Names and pictures of one request with what was asked for and found drawn into them; those that the file has.
+
+    Raises
+    ------
+    LogError
+        The file is damaged.
+    """
+    frame = _frame(story)
+    pixels = None if frame is None else _picture(log, FISHEYE_IMAGE, frame)
+    if pixels is not None:
+        yield "fisheye", drawing.fisheye(pixels, rig, story)
+        if story.box is not None:
+            yield "region", drawing.crop(pixels, story.box)
+    for number, look in enumerate(story.looks, 1):
+        seen = _picture(log, PTZ_IMAGE, look.job.view.frame)
+        if seen is not None:
+            yield f"look-{number:02d}", drawing.view(seen, rig, look)
+
+
+def _frame(story: Story) -> FrameRef | None:
+    return story.frame or (story.looks[0].job.frame if story.looks else None)
+
+
 def _lock(story: Story) -> Look | None:
     """The last look that confirmed the target."""
     if not any(step.what == "locked" for step in story.steps):
@@ -138,7 +162,7 @@ def _figure(pixels: drawing.Pixels, caption: str) -> str:
 
 
 def _asked(log: LogReader, rig: Rig, story: Story, lock: Look | None) -> Iterator[str]:
-    frame = story.frame or (story.looks[0].job.frame if story.looks else None)
+    frame = _frame(story)
     pixels = None if frame is None else _picture(log, FISHEYE_IMAGE, frame)
     if frame is None or pixels is None:
         yield "<p>The fisheye picture is not in this file.</p>"

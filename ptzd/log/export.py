@@ -12,7 +12,7 @@ from ptzd.calibration.file import read_rig
 from ptzd.control.events import HeadPolled, MatchFinished
 from ptzd.errors import LogError
 from ptzd.geometry.rig import Rig
-from ptzd.log import evidence
+from ptzd.log import drawing, evidence
 from ptzd.log.reader import LoggedEvent, LogReader
 from ptzd.log.story import Stories, Story
 from ptzd.log.tables import match_document, result_document
@@ -55,7 +55,8 @@ def export(path: Path, out: Path, *, pictures: bool = False) -> Export:
     out : Path
         Directory; made when it is not there.
     pictures : bool
-        All recorded pictures as well, with the camera's own bytes.
+        All recorded pictures as well, with the camera's own bytes, and those of each request with box, arc and score
+        drawn into them, in ``overlays``.
 
     Raises
     ------
@@ -69,7 +70,10 @@ def export(path: Path, out: Path, *, pictures: bool = False) -> Export:
             found = _collect(log, out / "pictures" if pictures else None)
             _write_tables(found, out)
             for number, story in enumerate(found.stories.all):
-                _write_page(log, rig, story, out / page_name(number, story))
+                page = out / page_name(number, story)
+                _write_page(log, rig, story, page)
+                if pictures:
+                    _write_overlays(log, rig, story, out / "overlays" / page.stem)
         except OSError as error:
             raise LogError(f"{out}: the export cannot be written: {error.strerror}") from None
     return Export(directory=out, requests=len(found.stories.all), pictures=len(found.frames) if pictures else 0)
@@ -106,6 +110,12 @@ def page_name(number: int, story: Story) -> str:
 
 def _write_page(log: LogReader, rig: Rig, story: Story, out: Path) -> None:
     out.write_text(evidence.page(log, rig, story), encoding="utf-8")
+
+
+def _write_overlays(log: LogReader, rig: Rig, story: Story, folder: Path) -> None:
+    for name, pixels in evidence.overlays(log, rig, story):
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / f"{name}.jpg").write_bytes(drawing.encode(pixels))
 
 
 def _collect(log: LogReader, pictures: Path | None) -> _Tables:

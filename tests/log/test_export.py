@@ -112,6 +112,18 @@ def test_pictures_come_out_as_the_camera_sent_them(lock_log, tmp_path, lock):
     assert found == {topic.split("/")[1]: jpeg for topic, _, jpeg in lock.pictures}
 
 
+def test_pictures_of_a_request_have_drawn_into_them_what_was_asked_and_found(lock_log, tmp_path, lock):
+    export(lock_log, tmp_path / "out", pictures=True)
+    (folder,) = (tmp_path / "out" / "overlays").iterdir()
+    assert folder.name == "000-gate-1"
+    drawn = {path.stem: cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_COLOR) for path in folder.iterdir()}
+    assert drawn.keys() == {"fisheye", "region", "look-01"}
+    for name, (_, _, jpeg) in zip(("fisheye", "look-01"), lock.pictures, strict=True):
+        plain = drawing.decode(jpeg)
+        assert drawn[name].shape == plain.shape
+        assert (np.abs(drawn[name].astype(int) - plain).max(axis=-1) > 60).sum() > 100
+
+
 def test_a_damaged_picture_message_is_named_with_its_file(tmp_path, run, calibration_text):
     file = McapFile(tmp_path / "odd.mcap", dataclasses.replace(run, calibration_text=calibration_text), 5)
     file.open()
