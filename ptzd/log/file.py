@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import functools
 import os
 from pathlib import Path
 from typing import IO, Any, cast
@@ -13,13 +14,19 @@ from mcap.writer import CompressionType, Writer
 
 from ptzd import __version__
 from ptzd.log.run import CALIBRATION, CONFIG, METADATA, RunInfo
-from ptzd.log.topics import TOPICS
+from ptzd.log.topics import TOPICS, Topic
 from ptzd.log.topics import topic as find_topic
 
 ACTIVE = ".active"
 CHUNK_BYTES = 1 << 20
 """1 MiB: 2 to 3 % of a core at 9 MB/s, and a viewer loads little more than what it shows."""
 U32 = 0xFFFFFFFF
+
+
+@functools.cache
+def _schema_bytes(described: Topic) -> bytes:
+    """Read once: a file that begins later must not depend on what was installed meanwhile."""
+    return described.schema_bytes()
 
 
 class _Tail:
@@ -92,7 +99,7 @@ class McapFile:
         records = RecordBuilder()
         schemas: dict[str, int] = {}
         for name, described in TOPICS.items():
-            encoding, data = described.schema_encoding, described.schema_bytes()
+            encoding, data = described.schema_encoding, _schema_bytes(described)
             if described.schema not in schemas:
                 schema_id = self._writer.register_schema(described.schema, encoding, data)
                 schemas[described.schema] = schema_id
