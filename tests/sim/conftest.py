@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import aiohttp
 import pytest
 
-from ptzd.sim.clock import VirtualClock, WallClock
+from ptzd.sim.clock import SimClock, VirtualClock, WallClock
 from ptzd.sim.profile import profile
 from ptzd.sim.rig import SimRig
 from ptzd.sim.scene import Scene, load_scene
@@ -87,9 +87,9 @@ async def start(room: Scene) -> AsyncIterator[Start]:
     before = asyncio.all_tasks()
     async with AsyncExitStack() as stack:
 
-        async def begin(*, rate: float = 1.0, **changes: object) -> Visitor:
+        async def begin(*, rate: float = 1.0, clock: SimClock | None = None, **changes: object) -> Visitor:
             settings = SimSettings(**{"profile": "v5915", "fisheye_size_px": (320, 240), **changes})
-            rig = await stack.enter_async_context(SimRig(settings, scene=room, clock=WallClock(rate)))
+            rig = await stack.enter_async_context(SimRig(settings, scene=room, clock=clock or WallClock(rate)))
             login = aiohttp.DigestAuthMiddleware(settings.user, settings.password)
             connector = aiohttp.TCPConnector(ssl=False)
             session = aiohttp.ClientSession(

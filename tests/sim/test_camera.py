@@ -1,6 +1,7 @@
 """The camera as a stranger meets it: over a socket."""
 
 import asyncio
+import itertools
 import ssl
 
 import aiohttp
@@ -53,14 +54,16 @@ async def test_nothing_in_the_headers_tells_that_it_is_a_simulation(visitor):
         assert "python" not in text
 
 
-async def test_the_position_lags_while_it_moves_and_is_exact_at_rest(visitor):
+async def test_the_position_lags_while_it_moves_and_is_exact_at_rest(start, clock):
+    visitor = await start(clock=clock)
+    head = visitor.rig.camera.unit.head
     await visitor.ptz(pan=60, tilt=20, zoom=2000)
     seen = []
-    while visitor.rig.camera.unit.head.busy(visitor.rig.clock.now_s()):
-        encoder = visitor.rig.camera.unit.head.encoder(visitor.rig.clock.now_s()).pan_deg
-        seen.append((encoder, (await visitor.position())["pan"]))
+    while head.busy(clock.now_s()):
+        seen.append((head.encoder(clock.now_s()).pan_deg, (await visitor.position())["pan"]))
+        clock.advance(0.1)
     assert any(encoder - reported > 1 for encoder, reported in seen)
-    await visitor.rest()
+    clock.advance(1.0)
     assert await visitor.position() == {"pan": 60, "tilt": 20, "zoom": 2000}
 
 
@@ -71,11 +74,11 @@ async def test_without_credentials_there_is_a_challenge_and_a_page(visitor):
     assert reply.headers["Content-Type"] == "text/html"
 
 
-async def test_one_challenge_serves_many_requests_and_a_stale_nonce_is_renewed(start):
-    visitor = await start(nonce_life_s=0.2)
+async def test_one_challenge_serves_many_requests_and_a_stale_nonce_is_renewed(start, clock):
+    visitor = await start(nonce_life_s=0.2, clock=clock)
     for _ in range(5):
         assert (await visitor.ptz(query="speed")).status == 200
-        await asyncio.sleep(0.1)
+        clock.advance(0.1)
 
 
 async def test_a_wrong_password_takes_its_time(start):
@@ -86,8 +89,8 @@ async def test_a_wrong_password_takes_its_time(start):
     assert visitor.rig.clock.now_s() - before >= 0.1
 
 
-async def test_twenty_failures_a_second_are_blocked(start):
-    visitor = await start(wrong_password_s=0.0, policy=Policy.BASIC)
+async def test_twenty_failures_a_second_are_blocked(start, clock):
+    visitor = await start(wrong_password_s=0.0, policy=Policy.BASIC, clock=clock)
     url, wrong = visitor.rig.camera_url + PTZ, {"Authorization": aiohttp.encode_basic_auth("ptzd", "no")}
     async with aiohttp.ClientSession() as session:
         replies = await asyncio.gather(*(session.get(url, headers=wrong) for _ in range(25)))
@@ -167,24 +170,34 @@ async def test_https_has_a_certificate_of_its_own_and_wants_basic(start):
         assert reply.status == 200
 
 
-async def test_a_reboot_refuses_then_says_503_then_is_ready_at_home_on_the_same_port(start):
-    visitor = await start(boot_s=0.3, rate=2.0)
+async def test_a_reboot_refuses_then_says_503_then_is_ready_at_home_on_the_same_port(start, clock):
+    visitor = await start(boot_s=30.0, clock=clock)
+    head = visitor.rig.camera.unit.head
     await visitor.ptz(pan=20)
-    await visitor.rest()
-    visitor.rig.inject(Fault(kind=FaultKind.REBOOT))
-    seen = []
-    while not seen or seen[-1] != "200":
-        try:
-            reply = await visitor.get("/axis-cgi/com/ptz.cgi?query=speed")
-            seen.append(str(reply.status))
-        except aiohttp.ClientConnectionError:
-            seen.append("refused")
-        await asyncio.sleep(0.02)
-        if seen[-1] == "200" and len(set(seen)) == 1:
-            seen.clear()
-    kinds = list(dict.fromkeys(seen))
-    assert kinds == ["refused", "503", "200"]
-    await visitor.rest()
+    clock.advance(30.0)
+    assert (await visitor.position())["pan"] == 20
+
+    async def until_it_says(kind: str) -> None:
+        said = ""
+        while said != kind:
+            clock.advance(0.01)
+            try:
+                said = str((await visitor.ptz(query="speed")).status)
+            except aiohttp.ClientConnectionError:
+                said = "refused"
+            seen.append(said)
+
+    seen: list[str] = []
+    visitor.rig.camera.reboot()
+    await until_it_says("refused")
+    clock.advance(30.0)
+    await until_it_says("503")
+    clock.advance(15.0)
+    await until_it_says("200")
+    kinds = [kind for kind, _ in itertools.groupby(seen)]
+    assert kinds in (["refused", "503", "200"], ["503", "refused", "503", "200"])
+    clock.advance(30.0)
+    assert not head.busy(clock.now_s())
     assert (await visitor.position())["pan"] == 0
 
 

@@ -28,7 +28,7 @@ async def connect(visitor, session: aiohttp.ClientSession) -> aiohttp.ClientWebS
 
 
 async def next_state(socket: aiohttp.ClientWebSocketResponse) -> tuple[str, float]:
-    message = await socket.receive_json(timeout=10)
+    message = await socket.receive_json(timeout=100)
     assert message["method"] == "events:notify"
     notification = message["params"]["notification"]
     assert notification["topic"] == "tns1:PTZController/tnsaxis:Move/Channel_1"
@@ -111,6 +111,6 @@ async def test_a_reboot_ends_the_stream(start):
         socket = await connect(visitor, session)
         await socket.send_json(configure())
         visitor.rig.camera.reboot()
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(100):
             while not socket.closed:
                 await socket.receive()
