@@ -183,6 +183,15 @@ class LogSettings(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     queue_frames: Annotated[int, Meta(ge=1)] = 64
 
 
+class DriftSettings(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What confirmed locks say of the calibration."""
+
+    monitor: bool = False
+    """Whether offsets of locks across their arcs are kept, logged and reported when their median leaves the band."""
+    refine: bool = False
+    """Whether R is then turned back onto them, in a calibration of its own beside the log; needs ``monitor``."""
+
+
 class Config(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Everything the daemon is told."""
 
@@ -198,6 +207,7 @@ class Config(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     queue: Queue = Queue()
     bus: BusSettings = BusSettings()
     log: LogSettings = LogSettings()
+    drift: DriftSettings = DriftSettings()
 
 
 WHILE_RUNNING = (

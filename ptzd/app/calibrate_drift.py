@@ -6,39 +6,24 @@ import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from ptzd.app.calibrate_rig import write_rig
 from ptzd.app.calibrating import Outcome
+from ptzd.app.drift import ConfirmedLocks
 from ptzd.calibration.drift import DriftMonitor, Lock, refined
 from ptzd.calibration.file import load_provenance, load_rig
-from ptzd.control import commands as cmd
-from ptzd.control import events as ev
 from ptzd.errors import CalibrationError
 from ptzd.geometry.rig import Rig
-from ptzd.geometry.sphere import bearing
 from ptzd.log.reader import LoggedCommand, LogReader
-from ptzd.model import Box
-from ptzd.model import Outcome as End
-
-CONFIRMED = (End.LOCKED, End.RELEASED)
 
 
 def locks_of(log: Path, rig: Rig) -> Iterator[Lock]:
     """Confirmed locks of a log, as they were asked for and found."""
-    boxes: dict[str, Box] = {}
+    confirmed = ConfirmedLocks(rig)
     with LogReader(log) as reader:
         for logged in reader.decisions():
-            told = logged.command if isinstance(logged, LoggedCommand) else logged.event
-            if isinstance(told, ev.RequestReceived):
-                boxes.setdefault(told.id, told.box)
-            elif isinstance(told, cmd.PublishResult) and told.outcome in CONFIRMED and told.id in boxes:
-                ray, valid = rig.fisheye.lift(np.array(boxes[told.id].centre))
-                if told.pan_deg is None or told.tilt_deg is None or not valid:
-                    continue
-                direction = bearing(math.radians(told.pan_deg), math.radians(told.tilt_deg))
-                near = 0.0 if told.range_m is None else 1.0 / told.range_m
-                yield Lock(ray=ray, direction=direction, band_rad=rig.band_rad(near))
+            lock = confirmed.told(logged.command if isinstance(logged, LoggedCommand) else logged.event)
+            if lock is not None:
+                yield lock
 
 
 def drift(logs: Sequence[Path], calibration: Path, out: Path | None) -> Outcome:

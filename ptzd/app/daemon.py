@@ -15,13 +15,15 @@ import cv2
 import msgspec
 import yaml
 
+from ptzd.app.drift import DriftWatch
 from ptzd.app.fingerprint import fingerprint, versions
-from ptzd.app.loading import Loaded
+from ptzd.app.loading import Loaded, load
 from ptzd.app.reloading import Reloader
 from ptzd.bus.answers import LogHandler
 from ptzd.bus.messages import LogReference
 from ptzd.bus.server import ZenohBus
 from ptzd.config import FilesSource, FisheyeSource, HttpSource
+from ptzd.control.states import State
 from ptzd.devices.files import FilesFisheye
 from ptzd.devices.http_fisheye import HttpFisheye
 from ptzd.devices.v4l2 import V4l2Fisheye
@@ -83,14 +85,28 @@ async def serve(
 ) -> None:
     """Serve until ``stop`` is set: open the world, run the daemon in it, close it in reverse order.
 
-    Whenever ``again`` is set the settings are read again.
+    Whenever ``again`` is set the settings are read again. When the drift monitor has refined the calibration, all of it
+    begins anew with that.
 
     Raises
     ------
     BusError, ConfigError, LogError
         When the bus, a camera's settings or the log cannot be opened.
     """
-    config, clock, parts = loaded.config, SteadyClock(), _Parts()
+    while not stop.is_set():
+        await _life(loaded, stop, again or asyncio.Event(), ready)
+        if not stop.is_set():
+            loaded = await asyncio.to_thread(load, loaded.path)
+
+
+async def _life(loaded: Loaded, stop: asyncio.Event, again: asyncio.Event, ready: Callable[[], None]) -> None:
+    """One calibration's life: until ``stop``, or until there is a refined one."""
+    config, clock, parts, end = loaded.config, SteadyClock(), _Parts(), asyncio.Event()
+
+    async def follow_stop() -> None:
+        await stop.wait()
+        end.set()
+
     async with AsyncExitStack() as stack:
         notifier = stack.enter_context(Notifier(os.environ))
         illustrate = Illustrator(loaded.rig).documents
@@ -110,6 +126,9 @@ async def serve(
         head = await stack.enter_async_context(VapixHead(config.ptz, config.limits, clock))
         perception = await stack.enter_async_context(ThreadPerception(loaded.rig))
 
+        drift = DriftWatch(
+            loaded.rig, config, loaded.calibration_text, log, idle=lambda: _idle(parts.daemon), renew=end.set
+        )
         parts.daemon = Daemon(
             rig=loaded.rig,
             config=config,
@@ -121,19 +140,25 @@ async def serve(
             perception=perception,
             answering=lambda: notifier.ready(f"rig {config.rig} answers"),
             serving=ready,
+            watching=(drift.seen,) if config.drift.monitor else (),
         )
         bus.on_log_query(_log_handler(log, parts.daemon))
         machine = parts.daemon.pump.machine
         watch = Watchdog(notifier, _vitals(parts.daemon, log), lambda: str(machine.state))
         watchdog = asyncio.create_task(watch.run(), name="watchdog")
         adopt = partial(_adopt, log, parts.daemon)
-        reloader = Reloader(loaded, again or asyncio.Event(), adopt, notifier)
+        reloader = Reloader(loaded, again, adopt, notifier)
         try:
-            await parts.daemon.run(stop, reloader.run)
+            await parts.daemon.run(end, follow_stop, reloader.run, drift.run)
         finally:
-            notifier.stopping("stopping")
+            if stop.is_set() or not end.is_set():
+                notifier.stopping("stopping")
             watchdog.cancel()
             await asyncio.gather(watchdog, return_exceptions=True)
+
+
+def _idle(daemon: Daemon | None) -> bool:
+    return daemon is not None and daemon.pump.machine.state is State.IDLE
 
 
 def _run_info(loaded: Loaded) -> RunInfo:

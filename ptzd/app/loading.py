@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 import yaml
 
+from ptzd.app.drift import in_force
 from ptzd.calibration.file import read_rig
 from ptzd.config import Config, FilesSource, HttpSource, parse_config
 from ptzd.devices.vapix.address import Address
@@ -45,6 +46,8 @@ def load(path: Path) -> Loaded:
     except (OSError, UnicodeDecodeError) as error:
         message = f"{path}: calibration: {calibration_path} cannot be read ({error}); make one with `ptzd calibrate`"
         raise CalibrationError(message) from None
+    if config.drift.monitor:
+        calibration_text = in_force(config, calibration_text)
     return Loaded(
         path=path,
         config=config,

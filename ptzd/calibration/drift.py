@@ -51,7 +51,8 @@ class Drift:
     """One sigma of that median."""
     band_rad: float
     drifted: bool
-    """The median is outside the band by more than its own three sigma, or outside it altogether."""
+    """The median is off by more than a third of the band and its own three sigma; or, since a turn may push one half of
+    the field up and the other down, half of the locks are off by more than half of the band."""
 
 
 def offset_rad(rig: Rig, lock: Lock) -> float:
@@ -89,7 +90,9 @@ class DriftMonitor:
         spread = 1.4826 * float(np.median(np.abs(offsets - median)))
         sigma = 1.2533 * spread / float(np.sqrt(len(offsets)))
         band = float(np.median([one.band_rad for one in self._locks]))
-        drifted = len(offsets) >= LEAST and abs(median) - 3.0 * sigma > band / 3.0
+        aside = abs(median) - 3.0 * sigma > band / 3.0
+        apart = float(np.median(np.abs(offsets))) > band / 2.0
+        drifted = len(offsets) >= LEAST and (aside or apart)
         return Drift(count=len(offsets), median_rad=median, sigma_rad=sigma, band_rad=band, drifted=drifted)
 
 

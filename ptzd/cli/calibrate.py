@@ -66,9 +66,11 @@ def add_commands(commands: argparse._SubParsersAction[Any]) -> None:
     verify.add_argument("--truth", metavar="URL", help="side channel of a simulated rig: the true pointing error")
     verify.set_defaults(run=_verify)
     drift = steps.add_parser("drift", parents=[common], help="what the locks in logs say; refine R on request")
-    drift.add_argument("logs", type=Path, nargs="+", help="MCAP files, oldest first")
-    drift.add_argument("--calibration", type=Path, required=True)
+    drift.add_argument("logs", type=Path, nargs="*", help="MCAP files, oldest first")
+    drift.add_argument("--calibration", type=Path, help="that was in use")
     drift.add_argument("--out", type=Path, help="write the rig turned back onto the locks")
+    drift.add_argument("--undo", action="store_true", help="take back what the daemon refined; needs --config")
+    drift.add_argument("--config", type=Path, help="settings of the daemon, with --undo")
     drift.set_defaults(run=_drift)
 
 
@@ -232,4 +234,19 @@ def _verify(arguments: argparse.Namespace) -> int:
 def _drift(arguments: argparse.Namespace) -> int:
     from ptzd.app.calibrate_drift import drift
 
+    if arguments.undo:
+        return _undo_drift(arguments)
+    if not arguments.logs or arguments.calibration is None:
+        raise CalibrationError("drift: give logs and, with --calibration, the rig.yaml that was in use")
     return _show(drift(arguments.logs, arguments.calibration, arguments.out), as_json=arguments.json)
+
+
+def _undo_drift(arguments: argparse.Namespace) -> int:
+    from ptzd.app.drift import undo
+    from ptzd.app.loading import load
+
+    if arguments.config is None:
+        raise CalibrationError("--undo: give the daemon's settings with --config")
+    kept = undo(load(arguments.config).config)
+    print(f"taken back, kept as {kept}; restart the daemon to use the calibration of its settings")
+    return 0

@@ -53,6 +53,7 @@ TOPICS: Mapping[str, Topic] = {
         Topic(name="/result", schema="ptzd.Result"),
         Topic(name="/match", schema="ptzd.Match"),
         Topic(name="/pose", schema="ptzd.Pose"),
+        Topic(name="/drift", schema="ptzd.Drift"),
         Topic(name="/fisheye/annotations", schema="foxglove.ImageAnnotations"),
         Topic(name="/ptz/annotations", schema="foxglove.ImageAnnotations"),
         Topic(name="/fisheye/calibration", schema="foxglove.CameraCalibration"),

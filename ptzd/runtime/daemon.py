@@ -47,6 +47,8 @@ class Daemon:
         Called once, when every device is well or has been reported lost: whoever asks gets an answer from now on.
     serving : callable
         Called once, when requests can be served.
+    watching : sequence of callables
+        Shown every step of the core, after the log: its number, event and commands.
     """
 
     def __init__(
@@ -62,6 +64,7 @@ class Daemon:
         perception: Perception,
         answering: Callable[[], None] = _nothing,
         serving: Callable[[], None] = _nothing,
+        watching: Sequence[Callable[[int, ev.Event, list[cmd.Command]], None]] = (),
     ) -> None:
         self._rig = rig
         self._bus = bus
@@ -71,7 +74,7 @@ class Daemon:
         self.frames = FrameStore(RING_FRAMES + SPARE_FRAMES)
         self.overlays = Overlays(bus=bus, frames=self.frames)
         machine = Machine(rig, config)
-        observers = (self.overlays.seen, Narrator().seen, self._watch_readiness)
+        observers = (self.overlays.seen, Narrator().seen, self._watch_readiness, *watching)
         self.pump = Pump(machine=machine, clock=clock, log=log, bus=bus, frames=self.frames, observers=observers)
         self.fisheye_watch = FisheyeWatch(
             source=fisheye,

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from ptzd.app.calibrate_session import Board, Studio, samples, tilted
+from ptzd.calibration.detect import charuco_board
 from ptzd.calibration.file import load_rig
 from ptzd.calibration.lens import UNIFIED, WIDE_RAD
 from ptzd.calibration.readers import read_foreign
-from ptzd.calibration.target import Target
+from ptzd.calibration.target import Target, TargetKind
 from ptzd.cli import entry
 from ptzd.errors import CalibrationError
 from ptzd.geometry.kannala_brandt import KannalaBrandtCamera
@@ -178,3 +179,44 @@ def test_boards_before_a_simulated_rig_give_its_rig_yaml(tmp_path):
     errors = studio.pointing_errors_deg(rig)
     assert np.percentile(errors, 95) <= 0.2
     assert rig.metric
+
+
+def test_pictures_all_alike_are_refused(pictures, tmp_path, capsys):
+    grey = cv2.imread(str(pictures / "0.png"), cv2.IMREAD_GRAYSCALE)
+    for index in range(10):
+        write(tmp_path / "in" / f"{index}.png", cv2.add(grey, index))
+    code, text = said(capsys, "fisheye", str(tmp_path / "in"), "--board", "8x6", "--work", str(tmp_path))
+    assert code == 78
+    assert "all alike" in text
+    assert "move the board through the whole picture" in text
+    assert nothing_written(tmp_path)
+
+
+def test_parallel_boards_are_refused(tmp_path, capsys):
+    """Coplanar poses: the board moved on a table, never tilted."""
+    rays, _ = samples(UNIFIED.camera(LENS, (320, 240), WIDE_RAD), side=2)
+    for index, (x, y) in enumerate((x, y) for x in (-0.35, -0.22, -0.1) for y in (-0.2, -0.08, 0.04)):
+        board = Board(target=TARGET, rotation=np.eye(3), origin_m=np.array([x, y, 0.24]))
+        write(tmp_path / "in" / f"{index}.png", board.over(np.full((240, 320), 120, np.uint8), rays))
+    code, text = said(capsys, "fisheye", str(tmp_path / "in"), "--board", "8x6", "--work", str(tmp_path))
+    assert code == 78
+    assert "tilt the board by 20 to 40 degrees" in text
+    assert nothing_written(tmp_path)
+
+
+def test_mirrored_charuco_pictures_are_refused(tmp_path, capsys):
+    target = Target(kind=TargetKind.CHARUCO, columns=7, rows=5, pitch_m=0.04)
+    sheet = charuco_board(target).generateImage((640, 480), None, 20, 1)
+    for index in range(4):
+        write(tmp_path / "in" / f"{index}.png", np.ascontiguousarray(np.roll(sheet, 4 * index, axis=0)[:, ::-1]))
+    words = ("--board", "7x5", "--kind", "charuco", "--pitch", "0.04", "--work", str(tmp_path))
+    code, text = said(capsys, "fisheye", str(tmp_path / "in"), *words)
+    assert code == 78
+    assert "mirrored; switch mirroring off" in text
+    assert nothing_written(tmp_path)
+
+
+def test_live_needs_settings_and_drift_its_logs(tmp_path, capsys):
+    assert "--config" in said(capsys, "fisheye", "--live", "--board", "8x6", "--work", str(tmp_path))[1]
+    assert "--calibration" in said(capsys, "drift", "--work", str(tmp_path))[1]
+    assert "--config" in said(capsys, "drift", "--undo")[1]
