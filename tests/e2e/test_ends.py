@@ -89,7 +89,7 @@ async def test_a_request_during_a_move_and_two_at_once(site) -> None:
             site.request("second"), other.request(id="third", box=site.box, hold_s=0.0, priority=0)
         )
         assert {second.position, third.position} == {1, 2}
-        theirs = await other.result("third", timeout_s=40.0)
+        theirs = await other.result("third", timeout_s=100.0)
     ends = [await site.end_of(name) for name in ("first", "second", "third")]
     assert [end.outcome for end in ends] == ["locked"] * 3
     assert theirs.outcome == "locked"
