@@ -50,7 +50,7 @@ boot() {
         -drive "file=$cache/root.img,format=raw,if=virtio,snapshot=on" \
         -fsdev "local,id=share,path=$share,security_model=none" -device virtio-9p-pci,fsdev=share,mount_tag=share \
         -kernel "$cache/vmlinuz" -initrd "$cache/initramfs.gz" \
-        -append "console=ttyS0 root=/dev/vda quiet mitigations=off nokaslr systemd.show_status=0" < /dev/null
+        -append "console=ttyS0 root=/dev/vda quiet mitigations=off nokaslr no_timer_check panic=-1 systemd.show_status=0" < /dev/null
 }
 
 need_packages
