@@ -256,7 +256,7 @@ def fisheye_pixels(hall: Scene) -> Pixels:
 
 @pytest.fixture
 async def make_site(
-    hall: Scene, fisheye_pixels: Pixels, tmp_path: Path, endpoint: str
+    hall: Scene, fisheye_pixels: Pixels, tmp_path: Path, new_port: Callable[[], int]
 ) -> AsyncIterator[Callable[..., Awaitable[Site]]]:
     """Makes rigs with settings for their daemon, which is started by the test; ends and checks them afterwards."""
     sites: list[Site] = []
@@ -265,7 +265,7 @@ async def make_site(
         async def make(**settings: object) -> Site:
             rig = await stack.enter_async_context(SimRig(SimSettings(**settings), scene=hall))
             rig.fisheye._picture = fisheye_pixels
-            site = Site(rig, tmp_path / "rig", endpoint)
+            site = Site(rig, tmp_path / f"rig{len(sites)}", f"tcp/127.0.0.1:{new_port()}")
             site.change(home={"idle_s": 0.5})
             sites.append(site)
             return site
