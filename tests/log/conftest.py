@@ -108,6 +108,13 @@ def snapshot():
     return Snapshot(t_ns=START_NS, state={"phase": "parked", "far": float("inf")})
 
 
+@pytest.fixture
+def prompt_disk(monkeypatch):
+    """A disk that confirms at once, for tests that close files by the hundred."""
+    for name in ("fsync", "fdatasync"):
+        monkeypatch.setattr(os, name, lambda descriptor: None)
+
+
 @pytest.fixture(autouse=True)
 def no_thread_stays():
     before = set(threading.enumerate())

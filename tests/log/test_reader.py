@@ -92,7 +92,7 @@ def mutated(data, chance):
 
 
 @pytest.mark.usefixtures("unsynced")
-def test_damaged_files_end_in_one_clear_line(small, tmp_path):
+def test_damaged_files_end_in_one_clear_line(small, tmp_path, prompt_disk):
     whole = small.read_bytes()
     chance = random.Random(5)
     victim = tmp_path / "victim.mcap"

@@ -77,7 +77,7 @@ def whole(tmp_path_factory):
 
 
 @pytest.mark.usefixtures("unsynced")
-def test_every_cut_keeps_every_whole_chunk(whole, tmp_path):
+def test_every_cut_keeps_every_whole_chunk(whole, tmp_path, prompt_disk):
     path, _ = whole
     data = path.read_bytes()
 
@@ -170,6 +170,34 @@ def test_message_indexes_behind_a_damaged_chunk_belong_to_no_other(whole, tmp_pa
             assert [f.opcode for f in frames] == [7] * len(chunk.message_index_offsets)
 
 
+@pytest.mark.parametrize("opcode", [2, 15])
+@pytest.mark.parametrize("which", [6, 4, 3])
+def test_a_record_that_damage_turned_into_an_end_ends_nothing(whole, tmp_path, which, opcode):
+    """One byte makes a chunk, a channel or a schema look like the footer or the end of data: the rest is kept."""
+    path, _ = whole
+    data = bytearray(path.read_bytes())
+    with RecordFile(path) as file:
+        start = [frame.start for frame in file.frames() if frame.opcode == which][1]
+    data[start] = opcode
+    torn = tmp_path / "yard.mcap"
+    torn.write_bytes(data)
+    report = recover(torn)
+    assert report.chunks_lost == 1
+    expected = [*range(5), *range(10, 20)] if which == 6 else list(range(20))
+    assert opens_everywhere(torn) == expected
+    assert recover(torn).note == "whole"
+
+
+def test_a_footer_before_the_end_of_data_is_where_a_file_is_torn(whole, tmp_path):
+    path, _ = whole
+    data = path.read_bytes()
+    end = _chunk_ends(path)[1]
+    torn = tmp_path / "yard.mcap"
+    torn.write_bytes(data[:end] + b"\x02" + (20).to_bytes(8, "little") + bytes(20) + data[end:])
+    recover(torn)
+    assert opens_everywhere(torn) == list(range(10))
+
+
 def test_a_file_in_use_is_left_alone(whole, tmp_path):
     path, _ = whole
     active = tmp_path / "yard.mcap.active"
@@ -239,7 +267,7 @@ def test_kill_loses_less_than_half_a_second(tmp_path, kills, round_):
     found = kills.kill(tmp_path / "log", 0.4 + 0.37 * (round_ % 5) + 0.011 * round_, sync_s)
     assert all("recovered" in note or "removed" in note for note in found.notes), found.notes
     assert found.in_order
-    assert found.events > 0
+    assert found.told_ns
     assert found.lost_s - found.held_up_s <= 0.5
 
 
@@ -256,9 +284,9 @@ def test_recovery_reads_fast(tmp_path):
     file.abandon()
     active = Path(f"{path}.active")
     size = active.stat().st_size
-    begin = time.perf_counter()
+    begin, begin_cpu = time.perf_counter(), time.process_time()
     report = recover(active)
-    seconds = time.perf_counter() - begin
+    seconds, seconds_cpu = time.perf_counter() - begin, time.process_time() - begin_cpu
     print(f"recovered {size / 1e6:.0f} MB at {size / 1e6 / seconds:.0f} MB/s")
     assert report.messages == 300
-    assert size / seconds > 50e6
+    assert size / seconds_cpu > 50e6, "what it costs the processor, whatever the disk"
