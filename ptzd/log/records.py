@@ -28,6 +28,9 @@ MAGIC = b"\x89MCAP0\r\n"
 MAX_RECORD = 64 << 20
 """Largest record that is read into memory, and largest chunk after decompression, bytes."""
 
+CLOSING_BYTES = {Opcode.DATA_END: 4, Opcode.FOOTER: 20}
+"""Lengths of the records that end a section, bytes."""
+
 _HEAD = struct.Struct("<BQ")
 _CHUNK = struct.Struct("<QQQI")
 _U32, _U64 = struct.Struct("<I"), struct.Struct("<Q")
@@ -56,6 +59,10 @@ class Frame(NamedTuple):
     def end(self) -> int:
         """Offset behind the record, bytes."""
         return self.body + self.length
+
+    def ends(self, what: Opcode) -> bool:
+        """Whether it is this closing record; one whose length is another's carries its opcode by damage."""
+        return self.opcode == what and self.length == CLOSING_BYTES[what]
 
 
 class MessageHead(NamedTuple):
@@ -148,7 +155,7 @@ class RecordFile:
                 raise Torn(f"{self.path}: torn at byte {at} inside a record; run `ptzd log recover` on it", at)
             yield frame
             at = frame.end
-            if frame.opcode == Opcode.FOOTER:
+            if frame.ends(Opcode.FOOTER):
                 break
         if self.read(at, len(MAGIC)) != MAGIC:
             raise Torn(f"{self.path}: torn at byte {at}: no closing magic; run `ptzd log recover` on it", at)

@@ -26,7 +26,16 @@ from mcap.records import (
 )
 
 from ptzd.errors import LogError
-from ptzd.log.records import MAGIC, MESSAGE_HEAD_BYTES, Frame, RecordFile, Torn, inner_frames, message_head
+from ptzd.log.records import (
+    CLOSING_BYTES,
+    MAGIC,
+    MESSAGE_HEAD_BYTES,
+    Frame,
+    RecordFile,
+    Torn,
+    inner_frames,
+    message_head,
+)
 
 
 @dataclass(slots=True)
@@ -128,8 +137,9 @@ def survey(file: RecordFile) -> Survey:
     ended = False
     try:
         for frame in file.frames():
-            ended = ended or frame.opcode == Opcode.DATA_END
+            ended = ended or frame.ends(Opcode.DATA_END)
             if not ended:
+                _refuse_footer(file, frame)
                 _note(file, frame, found)
                 if frame.opcode != Opcode.MESSAGE_INDEX:
                     found.good = frame.end
@@ -140,8 +150,15 @@ def survey(file: RecordFile) -> Survey:
     return found
 
 
+def _refuse_footer(file: RecordFile, frame: Frame) -> None:
+    if frame.ends(Opcode.FOOTER):
+        raise Torn(f"{file.path}: a footer at byte {frame.start} before the end of data", frame.start)
+
+
 def _note(file: RecordFile, frame: Frame, found: Survey) -> None:
     try:
+        if frame.opcode in CLOSING_BYTES:
+            raise file.damage(frame, f"a record of {frame.length} bytes with the opcode of an end")
         if frame.opcode in _NOTES:
             _NOTES[frame.opcode](file, frame, found)
     except LogError as error:
