@@ -158,9 +158,7 @@ async def test_a_failed_command_breaks_the_connection(head_watch, head, told, pi
     assert head.calls == ["describe", "describe"]
 
 
-async def test_a_refusal_is_told_once_and_asked_about_again(
-    head_watch, head, told, pauses, settled
-) -> None:
+async def test_a_refusal_is_told_once_and_asked_about_again(head_watch, head, told, pauses, settled) -> None:
     head.refuse = DeviceRefused("401")
     head.polled.put(head.refuse)
     await settled(20)
