@@ -18,6 +18,14 @@ CHANCE_SCORE = 0.3
 narrow to have rivals is not the more certain for it."""
 
 
+SHARED_ERROR = math.sqrt(5.0)
+"""Factor on the residuals' sigma: neighbouring samples of a few fisheye pixels err together."""
+LEAST_SHARE_OF_PIXEL = 0.1
+"""Of a fisheye pixel: no match is better than that, whatever its residuals say."""
+UNEXPLAINED_SHARE_OF_PIXEL = 0.5
+"""Of a fisheye pixel at score 0, less in proportion towards 1: what a plane cannot explain moves its centre."""
+
+
 class Verdict(StrEnum):
     """What can be said of a region after all views so far."""
 
@@ -133,6 +141,23 @@ def decide(results: Sequence[tuple[int, MatchResult]], thresholds: Thresholds) -
         rivals=rivals,
         reason=reason,
     )
+
+
+def direction_sigma_rad(place: Candidate, pixel_rad: float) -> float:
+    """Return one sigma of a found place's direction, rad, with what its residuals cannot tell.
+
+    The residuals know of noise alone. ``python -m tests.bench.fit`` prints how many errors lie within three sigma of
+    either kind.
+
+    Parameters
+    ----------
+    place : Candidate
+        Whose `sigma_rad` comes from the residuals.
+    pixel_rad : float
+        Angular size of a fisheye pixel at the box, rad.
+    """
+    pixels = LEAST_SHARE_OF_PIXEL + UNEXPLAINED_SHARE_OF_PIXEL * (1.0 - place.score)
+    return math.hypot(SHARED_ERROR * place.sigma_rad, pixels * pixel_rad)
 
 
 def _verdict(probability: float, best: Candidate, rival_score: float, thresholds: Thresholds) -> tuple[Verdict, str]:

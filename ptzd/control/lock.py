@@ -7,13 +7,13 @@ import math
 import numpy as np
 
 from ptzd.control import search
-from ptzd.control.decision import Thresholds, Verdict, decide
+from ptzd.control.decision import Thresholds, Verdict, decide, direction_sigma_rad
 from ptzd.control.events import ZoomWish
 from ptzd.control.memory import Active, LockMemory, Phase
 from ptzd.control.search import Ended, Found
 from ptzd.control.work import Work, seconds
 from ptzd.geometry.sphere import angle_between, bearing, pan_tilt
-from ptzd.geometry.types import Array
+from ptzd.geometry.types import Array, pixel_angle_rad
 from ptzd.model import Candidate, HeadLimits, HeadReading, MatchResult, Outcome, ViewRef
 
 NARROW_PX = 4.0
@@ -38,7 +38,7 @@ def begin(work: Work, active: Active, found: Found) -> Ended | None:
         phase=Phase.CENTRING,
         place=found.place,
         probability=found.decision.probability,
-        sigma_deg=math.degrees(found.place.sigma_rad),
+        sigma_deg=_sigma_deg(work, active, found.place),
         wide_zoom=wide_zoom,
         zoom=wide_zoom,
     )
@@ -77,7 +77,7 @@ def on_match(work: Work, active: Active, result: MatchResult) -> Ended | None:
     if decision.best is None or decision.outcome is not Verdict.FOUND:
         return on_unverified(work, active, decision.reason)
     lock.place, lock.probability = decision.best, decision.probability
-    lock.sigma_deg = math.hypot(math.degrees(decision.best.sigma_rad), view.sigma_deg)
+    lock.sigma_deg = math.hypot(_sigma_deg(work, active, decision.best), view.sigma_deg)
     lock.box_ptz = decision.best.box_px
     offset = _offset_rad(work, decision.best, view.reading)
     work.feedback(
@@ -269,6 +269,11 @@ def _adopt_update(work: Work, active: Active) -> None:
     request.newer_box = request.newer_frame = None
     lock.place = _predicted(work, active, lock.place)
     lock.phase = lock.phase if lock.phase is Phase.HOLDING else Phase.REACQUIRING
+
+
+def _sigma_deg(work: Work, active: Active, place: Candidate) -> float:
+    pixel_rad = pixel_angle_rad(work.rig.fisheye, active.request.box.centre)
+    return math.degrees(direction_sigma_rad(place, pixel_rad))
 
 
 def _predicted(work: Work, active: Active, place: Candidate) -> Candidate:

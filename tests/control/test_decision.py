@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ptzd.control.decision import MODELS, Thresholds, Verdict, decide
+from ptzd.control.decision import MODELS, Thresholds, Verdict, decide, direction_sigma_rad
 from ptzd.model import Candidate, Matcher, MatchResult
 
 BOX = ((0.0, 0.0), (9.0, 0.0), (9.0, 9.0), (0.0, 9.0))
@@ -133,3 +133,10 @@ def test_harris_is_judged_by_its_own_model():
     weak = decide([(0, result(candidate(0.1, inliers=5), matcher=Matcher.HARRIS))], LIMITS)
     assert found.probability > weak.probability
     assert weak.outcome is not Verdict.FOUND
+
+
+@given(st.floats(-1.0, 1.0), st.floats(0.0, 2.0), st.floats(0.0, 1.0))
+def test_what_a_direction_is_told_to_be_worth_never_beats_its_residuals_or_its_pixels(score, sigma_deg, pixel_deg):
+    stated = direction_sigma_rad(candidate(score=score, sigma_deg=sigma_deg), math.radians(pixel_deg))
+    assert stated >= math.radians(max(sigma_deg, 0.1 * pixel_deg)) * (1.0 - 1e-12)
+    assert stated >= direction_sigma_rad(candidate(score=1.0, sigma_deg=sigma_deg), math.radians(pixel_deg))
