@@ -276,6 +276,8 @@ class Scribe:
             file, error = self._keeper.refused.popleft()
             if file is self._file:
                 self._fail(error)
+            else:
+                self.say(Level.WARNING, f"{file.path.name}: the disk refused a sync: {error.strerror or error}")
         while self._keeper.notes:
             self.say(*self._keeper.notes.popleft())
 
