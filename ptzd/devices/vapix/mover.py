@@ -177,7 +177,8 @@ class Mover:
             if rest is not None and rest.span_ns >= STALL_REST_S * 1e9:
                 self.under_way = False
                 raise MoveStalled(rest.mean, f"rests at {shown(rest.mean)} instead of {shown(target)}")
-            if loop.time() > end_s:
+            proving_s = self._settings.stall_s if self._reached(poll.reading, target, limits) else 0.0
+            if loop.time() > end_s + proving_s:
                 raise MoveStalled(
                     poll.reading,
                     f"still on the way at {shown(poll.reading)} to {shown(target)} after {patience_s:.1f} s",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+
 import pytest
 from aiohttp import web
 
@@ -81,6 +83,18 @@ async def test_zero_is_a_place_like_any_other(head, camera):
     await head.move(at(15, 15))
     assert await head.move(at(0, 0)) == at(0, 0)
     assert (camera.commands[-1]["pan"], camera.commands[-1]["tilt"]) == ("0.0000", "0.0000")
+
+
+async def test_reports_that_take_their_time_still_prove_an_arrival(camera, settings_for, clock):
+    async with VapixHead(settings_for(camera, stall_s=10.0), Limits(), clock) as head:
+        await head.describe()
+
+        async def slow(request):
+            if "query" in request.query:
+                await asyncio.sleep(2.0)
+
+        camera.faults[PTZ] = slow
+        assert await head.move(at(5)) == at(5)
 
 
 async def test_a_stop_is_sent_again_until_the_camera_takes_it(head, camera):
