@@ -1,23 +1,27 @@
-"""`ptzd calibrate fisheye --live`: pictures of a board taken by themselves when they add something."""
+"""`ptzd calibrate fisheye --live`, `zoom --live`: pictures of a board, taken by themselves when they add something."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+import dataclasses
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from ptzd.app.calibrate_session import settings
+from ptzd.app.calibrate_session import settings, write_shots
+from ptzd.app.calibrating import Shot
 from ptzd.app.daemon import open_fisheye
 from ptzd.calibration.detect import Grey, detect
-from ptzd.calibration.guide import Action, Advice, Goal, Guide, lit_cells
+from ptzd.calibration.guide import CELLS, Action, Advice, Goal, Guide, lit_cells
 from ptzd.calibration.pictures import SUFFIXES, list_pictures, read_grey
 from ptzd.calibration.target import Target
+from ptzd.devices.vapix.head import VapixHead
 from ptzd.errors import CalibrationError, DeviceLost
 from ptzd.geometry.types import Array
-from ptzd.ports import FrameSource, Picture
+from ptzd.model import HeadReading
+from ptzd.ports import Clock, FrameSource, Picture, PtzHead
 from ptzd.runtime.clock import SteadyClock
 
 Show = Callable[[Advice], None]
@@ -80,6 +84,51 @@ async def _watch(
         if guide.enough:
             break
     return guide
+
+
+async def record_zooms(
+    config_path: Path, target: Target, work: Path, zooms: Sequence[float], goal: Goal, show: Show
+) -> Path:
+    """Drive the configured PTZ through zooms and take pictures of a board that somebody holds, at each until enough.
+
+    Returns
+    -------
+    Path
+        The list of pictures with their zoom.
+    """
+    config, clock = settings(config_path), SteadyClock()
+    async with VapixHead(config.ptz, config.limits, clock) as head:
+        return await zoom_pictures(head, clock, target, work, zooms, goal, show)
+
+
+async def zoom_pictures(
+    head: PtzHead, clock: Clock, target: Target, work: Path, zooms: Sequence[float], goal: Goal, show: Show
+) -> Path:
+    """As `record_zooms`, with an open head; it looks where it looked."""
+    folder = work / "zoom"
+    await asyncio.to_thread(folder.mkdir, parents=True, exist_ok=True)
+    limits, shots = await head.describe(), list[Shot]()
+    _, start = await head.grab(clock.now_ns())
+    for zoom in (zoom for zoom in zooms if limits.zoom[0] <= zoom <= limits.zoom[1]):
+        rest = await head.move(dataclasses.replace(start.reading, zoom=float(zoom)))
+        guide: Guide | None = None
+        while guide is None or not guide.enough:
+            picture, view = await head.grab(clock.now_ns())
+            grey, pixels = await asyncio.to_thread(_board, picture, target)
+            if grey is None:
+                continue
+            guide = guide or Guide((grey.shape[1], grey.shape[0]), np.ones((CELLS, CELLS), bool), goal)
+            advice = guide.look(picture.t_arrival_ns / 1e9, pixels)
+            if advice.action is Action.TAKE:
+                name = f"zoom/{zoom:g}_{advice.taken:02}.jpg"
+                await asyncio.to_thread((work / name).write_bytes, picture.jpeg)
+                shots.append(_shot(name, view.reading, zoom))
+            show(dataclasses.replace(advice, text=f"zoom {rest.zoom:g}: {advice.text}"))
+    return await asyncio.to_thread(write_shots, work / "zoom.json", shots)
+
+
+def _shot(name: str, reading: HeadReading, zoom: float) -> Shot:
+    return Shot(image=name, pan_deg=reading.pan_deg, tilt_deg=reading.tilt_deg, zoom=float(zoom))
 
 
 def _board(picture: Picture, target: Target) -> tuple[Grey | None, Array | None]:

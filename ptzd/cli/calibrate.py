@@ -6,6 +6,8 @@ import argparse
 import asyncio
 import json
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +20,7 @@ from ptzd.errors import CalibrationError
 
 if TYPE_CHECKING:
     from ptzd.app.calibrating import Outcome
+    from ptzd.calibration.guide import Advice
 
 _WORK = Path("calibration")
 
@@ -46,13 +49,7 @@ def add_commands(commands: argparse._SubParsersAction[Any]) -> None:
     draw.add_argument("--boards", action="store_true", help="with boards; without: the scene alone")
     draw.set_defaults(run=_simulate)
     _add_fisheye(steps, [common, board])
-    for name, text, run in (
-        ("zoom", "the PTZ's lens over zoom (and, without a board, the head)", _zoom),
-        ("head", "the head from boards at rest", _head),
-    ):
-        step = steps.add_parser(name, parents=[common, board], help=text)
-        step.add_argument("shots", type=Path, help="list of PTZ pictures with their angles (JSON)")
-        step.set_defaults(run=run)
+    _add_ptz(steps, [common, board])
     rig = steps.add_parser("rig", parents=[common, board], help="how both stand to each other; writes rig.yaml")
     rig.add_argument("shots", type=Path, help="list of PTZ pictures with their angles (JSON)")
     rig.add_argument("--fisheye", type=Path, help="the fisheye's picture, without a board")
@@ -87,6 +84,23 @@ def _add_fisheye(steps: argparse._SubParsersAction[Any], parents: list[argparse.
     fisheye.set_defaults(run=_fisheye)
 
 
+def _add_ptz(steps: argparse._SubParsersAction[Any], parents: list[argparse.ArgumentParser]) -> None:
+    for name, text, run in (
+        ("zoom", "the PTZ's lens over zoom (and, without a board, the head)", _zoom),
+        ("head", "the head from boards at rest", _head),
+    ):
+        step = steps.add_parser(name, parents=parents, help=text)
+        live = name == "zoom"
+        listed = "list of PTZ pictures with their angles (JSON)"
+        step.add_argument("shots", type=Path, nargs="?" if live else None, help=listed)
+        if live:
+            step.add_argument("--live", action="store_true", help="drive the PTZ of --config; hold the board before it")
+            step.add_argument("--config", type=Path, help="settings that name the PTZ, with --live")
+            step.add_argument("--zooms", default="1,420,1350,3500,7000", help="zoom units, separated by commas")
+            step.add_argument("--count", type=int, default=8, help="pictures at each zoom with --live, at least")
+        step.set_defaults(run=run)
+
+
 def _say(text: str) -> None:
     console = Console(file=sys.stderr, highlight=False, soft_wrap=True)
     console.print(text, style="dim", markup=False)
@@ -111,12 +125,7 @@ def _target(arguments: argparse.Namespace) -> Target:
 def _capture(arguments: argparse.Namespace) -> int:
     from ptzd.app.calibrate_session import ZOOMS, capture
 
-    zooms: tuple[int, ...] = ZOOMS
-    if arguments.zooms is not None:
-        try:
-            zooms = tuple(int(zoom) for zoom in arguments.zooms.split(","))
-        except ValueError:
-            raise CalibrationError(f"--zooms {arguments.zooms}: give whole numbers separated by commas") from None
+    zooms = ZOOMS if arguments.zooms is None else _numbers(arguments.zooms)
     path = asyncio.run(capture(arguments.config, arguments.work, zooms, _say))
     print(f"written: {path}")
     return 0
@@ -153,32 +162,66 @@ def _fisheye(arguments: argparse.Namespace) -> int:
 def _live(arguments: argparse.Namespace) -> Path:
     """Pictures taken now; the folder that keeps them."""
     from ptzd.app.calibrate_live import record
-    from ptzd.calibration.guide import Action, Advice, Goal
+    from ptzd.calibration.guide import Goal
 
+    config = _settings(arguments)
+    folder, goal = arguments.pictures or arguments.work / "fisheye", Goal(pictures=arguments.count)
+    with _guidance() as show:
+        return asyncio.run(record(config, _target(arguments), folder, goal, show))
+
+
+def _live_zooms(arguments: argparse.Namespace) -> Path:
+    """Pictures of the PTZ taken now; their list."""
+    from ptzd.app.calibrate_live import record_zooms
+    from ptzd.calibration.guide import Goal
+
+    config, goal = _settings(arguments), Goal(pictures=arguments.count, covered=0.7)
+    zooms = _numbers(arguments.zooms)
+    with _guidance() as show:
+        return asyncio.run(record_zooms(config, _target(arguments), arguments.work, zooms, goal, show))
+
+
+def _settings(arguments: argparse.Namespace) -> Path:
     if arguments.config is None:
-        raise CalibrationError("--live: give the daemon's settings with --config, they name the fisheye")
-    folder = arguments.pictures or arguments.work / "fisheye"
+        raise CalibrationError("--live: give the daemon's settings with --config, they name the cameras")
+    return Path(arguments.config)
+
+
+def _numbers(text: str) -> tuple[int, ...]:
+    try:
+        return tuple(int(zoom) for zoom in text.split(","))
+    except ValueError:
+        raise CalibrationError(f"--zooms {text}: give whole numbers separated by commas") from None
+
+
+@contextmanager
+def _guidance() -> Iterator[Callable[[Advice], None]]:
+    """A bar of the covered field on the terminal, with what to do now."""
+    from ptzd.calibration.guide import Action
+
     console = Console(file=sys.stderr, highlight=False, soft_wrap=True)
     columns = (BarColumn(), TaskProgressColumn(), TextColumn("{task.description}", markup=False))
     with Progress(*columns, console=console) as progress:
-        task = progress.add_task("waiting for the fisheye", total=1.0)
+        task = progress.add_task("waiting for the camera", total=1.0)
 
         def show(advice: Advice) -> None:
             progress.update(task, completed=advice.covered, description=f"{advice.taken} taken; {advice.text}")
             if advice.action is Action.TAKE:
                 console.print(f"picture {advice.taken}: {advice.covered:.0%} of the field covered", style="dim")
 
-        goal = Goal(pictures=arguments.count)
-        return asyncio.run(record(arguments.config, _target(arguments), folder, goal, show))
+        yield show
 
 
 def _zoom(arguments: argparse.Namespace) -> int:
     from ptzd.app import calibrate_rig, calibrating
 
+    shots = _live_zooms(arguments) if arguments.live else arguments.shots
+    if shots is None:
+        raise CalibrationError("zoom: give the list of pictures, or --live with --config and --board")
     if arguments.board is None:
-        outcome = calibrate_rig.turning(arguments.shots, arguments.work, _say)
+        outcome = calibrate_rig.turning(shots, arguments.work, _say)
     else:
-        outcome = calibrating.zoom_from_boards(arguments.shots, _target(arguments), arguments.work, _say)
+        outcome = calibrating.zoom_from_boards(shots, _target(arguments), arguments.work, _say)
     return _show(outcome, as_json=arguments.json)
 
 

@@ -1,4 +1,4 @@
-"""`ptzd calibrate fisheye --live` before a real MJPEG stream in which somebody holds a board."""
+"""`ptzd calibrate --live`: before a real MJPEG stream in which somebody holds a board, and before a PTZ's zooms."""
 
 from __future__ import annotations
 
@@ -9,13 +9,17 @@ import numpy as np
 import pytest
 import yaml
 
-from ptzd.app.calibrate_live import record
+from ptzd.app.calibrate_live import record, zoom_pictures
 from ptzd.app.calibrate_session import samples, tilted
+from ptzd.app.calibrating import zoom_from_boards, zoom_of
 from ptzd.calibration.guide import Action, Goal
-from ptzd.calibration.lens import UNIFIED, WIDE_RAD
+from ptzd.calibration.lens import PERSPECTIVE, UNIFIED, WIDE_RAD
 from ptzd.calibration.pictures import list_pictures
 from ptzd.calibration.target import Target
 from ptzd.errors import CalibrationError
+from ptzd.model import FrameRef, HeadLimits, HeadReading, ViewRef
+from ptzd.ports import Picture
+from ptzd.runtime.clock import SteadyClock
 from ptzd.sim.clock import WallClock
 from ptzd.sim.fisheye import FisheyeCamera
 from ptzd.sim.imager import encode
@@ -91,3 +95,52 @@ async def test_pictures_of_another_size_in_the_folder_are_named(tmp_path):
         async with asyncio.timeout(60):
             with pytest.raises(CalibrationError, match=r"1\.jpg: not a picture of 320×240 px"):
                 await record(config, TARGET, tmp_path / "boards", GOAL, person.hear)
+
+
+class Head:
+    """A PTZ at rest before which somebody moves a board whenever a picture was taken; a picture every 0.3 s."""
+
+    def __init__(self) -> None:
+        self.reading, self.now_ns, self.held = HeadReading(pan_deg=12.0, tilt_deg=-3.0, zoom=1.0), 0, 0
+        self.drawn: dict[tuple[float, int], bytes] = {}
+
+    async def describe(self):
+        return HeadLimits(pan_deg=(-170.0, 170.0), tilt_deg=(-20.0, 90.0), zoom=(1.0, 9999.0))
+
+    async def move(self, target):
+        self.reading, self.held = target, 0
+        return target
+
+    async def grab(self, not_before_ns):
+        self.now_ns += 300_000_000
+        frame = FrameRef(seq=self.now_ns, t_capture_ns=self.now_ns)
+        picture = Picture(frame=frame, t_arrival_ns=self.now_ns, jpeg=self._jpeg())
+        return picture, ViewRef(frame=frame, reading=self.reading, sigma_deg=0.01)
+
+    def _jpeg(self):
+        focal = 320.0 * self.reading.zoom
+        key = (focal, self.held % 12)
+        if key not in self.drawn:
+            camera = PERSPECTIVE.camera(np.array([focal, focal, 160.0, 118.0, 0, 0, 0, 0, 0]), (320, 240), WIDE_RAD)
+            rng, rays = np.random.default_rng(key[1]), samples(camera)[0]
+            x, y = (key[1] % 4 - 1.5) * 0.13, (key[1] // 4 - 1.0) * 0.12
+            board = tilted(rng, TARGET, np.array([x * 320 / focal, y * 320 / focal, 1.0]), 0.75 * focal / 320.0)
+            grey = board.over(np.full((240, 320), 120, np.uint8), rays)
+            self.drawn[key] = encode(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), 95)
+        return self.drawn[key]
+
+    def hear(self, advice) -> None:
+        self.held += advice.action in (Action.TAKE, Action.KNOWN)
+
+
+async def test_the_camera_is_driven_through_the_zooms_and_its_lens_comes_out(tmp_path):
+    head = Head()
+    goal = Goal(pictures=8, covered=0.4)
+    zooms = (1.0, 1.5, 2.0, 2.5, 3.0, 20000.0)
+    async with asyncio.timeout(240):
+        shots = await zoom_pictures(head, SteadyClock(), TARGET, tmp_path, zooms, goal, head.hear)
+    outcome = await asyncio.to_thread(zoom_from_boards, shots, TARGET, tmp_path, lambda text: None)
+    assert len(outcome.document["zooms"]) == 5
+    table = zoom_of(tmp_path)
+    for zoom in (1.0, 1.7, 3.0):
+        assert table.camera_at(zoom).fx == pytest.approx(320.0 * zoom, rel=0.02)
