@@ -255,7 +255,7 @@ def run(camera: Camera, mode: Mode, commands: socket.socket) -> None:
             commands.sendto(str(camera.sent).encode(), sender)
         if time.monotonic() >= next_s:
             camera.tick()
-            next_s = max(next_s, time.monotonic() - 0.5 / mode.fps) + 1 / mode.fps
+            next_s = max(next_s, time.monotonic()) + 1 / mode.fps
 
 
 def main(folder: str, size: str, fps: str, address: str) -> None:
