@@ -60,7 +60,7 @@ def _other_cell(row: Row, records: Sequence[Record], matcher: str) -> str:
 
 def missed(row: Row, tuned: Figures, held: Figures) -> str:
     """By how much the row's targets are missed, and where."""
-    if not row.targets:
+    if not row.targets or tuned.count + held.count == 0:
         return "–"
     parts = []
     for target in row.targets:
