@@ -113,7 +113,7 @@ async def core(bus: ZenohBus) -> AsyncIterator[ObligingCore]:
 
 @pytest.fixture
 async def client(endpoint: str, bus: ZenohBus) -> AsyncIterator[Client]:
-    async with Client.open(endpoint, rig="hall") as opened:
+    async with Client.open(endpoint, rig="hall", timeout_s=PATIENCE_S) as opened:
         yield opened
 
 
