@@ -158,7 +158,7 @@ def charts(records: Sequence[Record]) -> dict[str, str]:
         "noise": plots.chart(
             "Median error under Gaussian noise on both pictures",
             plots.Axis(title="variance of the noise, grey levels²", ticks=(0, 10, 20, 30, 40)),
-            plots.Axis(title="error, degrees", ticks=(0.01, 0.1, 1, 10, 100), logarithmic=True),
+            plots.Axis(title="error, degrees (top: no answer)", ticks=(0.01, 0.1, 1, 10, 100), logarithmic=True),
             [*(_over_noise(records, name) for name in ("sweep", *OTHERS)), _paper()],
         ),
         "occlusion": plots.chart(
