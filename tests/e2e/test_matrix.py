@@ -37,6 +37,7 @@ FAULTS = {
 }
 STATES = ("IDLE", "SCAN", "MATCH", "LOCK", "held", "HOME", "FAULT")
 """SCAN: in motion; LOCK: centring, at rest; held: after it; FAULT: while the fisheye is unplugged."""
+ATTEMPTS = 3
 ASKING = frozenset({"SCAN", "MATCH", "LOCK", "held"})
 """A request is active here when the fault comes."""
 
@@ -133,8 +134,17 @@ class Column:
         if fault == "foreign motion":
             await self.rest()
         if self.state != "held":  # there the next cell begins with a lock
-            await site.lock(f"{name}-after")
+            await self.recover(name)
         return end
+
+    async def recover(self, name: str) -> None:
+        """A fresh request locks; on a starved machine the camera may be silent for long enough to be lost once more."""
+        for attempt in range(ATTEMPTS):
+            await self.site.request(f"{name}-after-{attempt}")
+            if (await self.site.end_of(f"{name}-after-{attempt}")).outcome == "locked":
+                return
+            await self.site.until(lambda: self.site.state in {"IDLE", "HOME"})
+        raise AssertionError(f"{name}: no lock in {ATTEMPTS} attempts")
 
     async def reach(self, name: str) -> None:
         site = self.site
