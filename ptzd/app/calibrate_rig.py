@@ -53,6 +53,8 @@ from ptzd.geometry.zoom import ZoomTable
 SHARES = (0.5, 0.3)
 """Sizes at which PTZ pictures are matched to a fisheye: its pixels are two to four times as coarse."""
 RANGES_M = (1.0, 3.0, 10.0, math.inf)
+TURN_NAMES = ("turn_x", "turn_y", "turn_z")
+"""Of R, from the left, rad."""
 LEAST_ROTATION_RAD = math.radians(0.05)
 """A rig is never claimed to be known better."""
 LEAST_HEAD_RAD = math.radians(0.01)
@@ -185,6 +187,12 @@ def head_from_boards(shots_path: Path, target: Target, work: Path, say: Say) -> 
     return Outcome(lines=tuple(lines), document=quality, written=(path,))
 
 
+def covariance_part(names: Sequence[str], covariance: Array) -> dict[str, object]:
+    """A covariance as the provenance of rig.yaml has it: names, and rows of numbers (px, rad, the unit of T)."""
+    rows = [[float(f"{value:.6g}") for value in row] for row in covariance.tolist()]
+    return {"of": list(names), "rows": rows}
+
+
 def lens_of(camera: CameraModel) -> tuple[Lens, Array]:
     """The parameter vector of a camera."""
     if isinstance(camera, UnifiedCamera):
@@ -239,7 +247,13 @@ def rig_from_boards(shots_path: Path, target: Target, work: Path, out: Path, say
             head_rad=max(math.radians(float(head_quality["sigma_deg"])), LEAST_HEAD_RAD),
         ),
     )
-    quality = {"method": "boards", "pairs": len(pairs), "rms_px": fit.rms_px, "reversed": list(fit.reversed_names)}
+    quality: dict[str, object] = {
+        "method": "boards",
+        "pairs": len(pairs),
+        "rms_px": fit.rms_px,
+        "reversed": list(fit.reversed_names),
+    }
+    quality["covariance"] = covariance_part((*TURN_NAMES, "t_x", "t_y", "t_z"), fit.covariance)
     written = write_rig(rig, out, quality)
     baseline = float(np.linalg.norm(fit.translation))
     lines = [
@@ -319,6 +333,7 @@ def rig_from_scene(shots_path: Path, fisheye_path: Path, work: Path, out: Path, 
         "rms_px": fit.rms_px,
         "across_median_deg": math.degrees(float(np.nanmedian(np.abs(fit.across_rad)))),
         "fisheye": "from a board" if known is not None else "from the scene",
+        "covariance": covariance_part((*UNIFIED.names, *TURN_NAMES, "t_across_1", "t_across_2"), fit.covariance),
     }
     if known is None:
         write_part(work, "fisheye_from_scene", fisheye_section(camera), quality)
