@@ -6,8 +6,9 @@ import time
 
 import numpy as np
 
-from ptzd.control.decision import Thresholds, Verdict, decide
+from ptzd.control.decision import Thresholds, Verdict, decide, direction_sigma_rad
 from ptzd.geometry.sphere import bearing
+from ptzd.geometry.types import pixel_angle_rad
 from ptzd.matching.job import MatchInputs, match
 from ptzd.model import Matcher
 from tests.bench.cases import Case
@@ -46,8 +47,13 @@ def run(matcher: Matcher, case: Case) -> dict[str, object]:
             "score": best.score,
             "rival": decision.rivals[0].candidate.score if decision.rivals else 0.0,
             "sigma_deg": float(np.degrees(best.sigma_rad)),
+            "told_sigma_deg": float(np.degrees(direction_sigma_rad(best, _pixel_rad(case)))),
             "sharpness": best.sharpness,
             "in_view": best.in_view,
             "texture": max(result.texture for _, result in results),
         }
     return answer
+
+
+def _pixel_rad(case: Case) -> float:
+    return pixel_angle_rad(case.rig.fisheye, case.box.centre)

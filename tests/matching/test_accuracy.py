@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
@@ -19,8 +20,9 @@ import numpy as np
 import pytest
 
 from ptzd.calibration.file import load_rig
-from ptzd.control.decision import Decision, Thresholds, Verdict, decide
+from ptzd.control.decision import Decision, Thresholds, Verdict, decide, direction_sigma_rad
 from ptzd.geometry.sphere import angle_between, bearing
+from ptzd.geometry.types import pixel_angle_rad
 from ptzd.matching.job import MatchInputs, match
 from ptzd.model import Box, HeadReading, Matcher
 
@@ -46,6 +48,12 @@ class Sample:
             return np.inf
         found = bearing(decision.best.pan_rad, decision.best.tilt_rad)
         return float(np.degrees(min(angle_between(found, truth) for truth in self.truths)))
+
+    def sigma_deg(self, decision: Decision) -> float:
+        view = self.views[0]
+        assert decision.best is not None
+        pixel_rad = pixel_angle_rad(view.rig.fisheye, view.box.centre)
+        return math.degrees(direction_sigma_rad(decision.best, pixel_rad))
 
 
 @cache
@@ -143,6 +151,13 @@ def test_what_is_in_no_view_is_not_found() -> None:
             for one in samples(other)
         ]
     assert surely_wrong(strangers, answers(strangers)) == []
+
+
+def test_errors_keep_within_three_of_the_sigma_they_are_told_with() -> None:
+    group = all_samples()
+    told = [(one, d) for one, d in zip(group, answers(group), strict=True) if d.outcome is Verdict.FOUND]
+    assert len(told) >= 0.8 * len(group)
+    assert np.mean([one.error_deg(d) <= 3.0 * one.sigma_deg(d) for one, d in told]) >= 0.8
 
 
 def test_more_noise_does_not_make_it_surer() -> None:
