@@ -1,4 +1,4 @@
-.PHONY: install test check format demo figures bench-accuracy bench-replay golden soak scenes deb rig-vm clean
+.PHONY: install test check matrix format demo figures bench-accuracy bench-replay golden soak scenes deb rig-vm clean
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -26,6 +26,10 @@ format: install
 
 demo: install
 	$(BIN)/ptzd demo --out demo
+
+# Every fault of the camera in every state of the machine
+matrix: install
+	PTZD_MATRIX=all $(BIN)/python -m pytest -n 2 tests/e2e/test_matrix.py
 
 figures: install
 	$(BIN)/python -m tests.bench.figures --write

@@ -61,7 +61,7 @@ async def bus(folder, endpoint, clock):
 
 
 def as_(name: str, folder: Path, endpoint: str) -> Client:
-    return Client.open(endpoint, rig="hall", config_file=str(folder / f"{name}.json5"), timeout_s=2)
+    return Client.open(endpoint, rig="hall", config_file=str(folder / f"{name}.json5"), timeout_s=30)
 
 
 async def test_a_viewer_sees_but_asks_for_nothing(core, bus, folder, endpoint, result):

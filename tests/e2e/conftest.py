@@ -266,7 +266,7 @@ async def make_site(
             rig = await stack.enter_async_context(SimRig(SimSettings(**settings), scene=hall))
             rig.fisheye._picture = fisheye_pixels
             site = Site(rig, tmp_path / f"rig{len(sites)}", f"tcp/127.0.0.1:{new_port()}")
-            site.change(home={"idle_s": 0.5}, fisheye={"stall_s": 10.0})
+            site.change(home={"idle_s": 0.5}, fisheye={"stall_s": 10.0}, ptz={"stall_s": 20.0, "move_timeout_s": 60.0})
             sites.append(site)
             return site
 

@@ -84,7 +84,7 @@ async def test_pictures_that_are_cut_short_are_skipped_and_counted(make_site, de
 
 async def test_nothing_but_cut_pictures_is_a_lost_fisheye(make_site) -> None:
     site = await make_site()
-    site.change(fisheye={"stall_s": 0.6})
+    site.change(fisheye={"stall_s": 3.0})
     await site.start()
     await scanning(site)
     fault = Fault(kind=FaultKind.TRUNCATE, device="fisheye")
