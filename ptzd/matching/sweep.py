@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ptzd.geometry.arc import EpipolarArc
 from ptzd.geometry.sphere import pan_tilt
-from ptzd.matching.arrays import Floats
-from ptzd.matching.centre import settle_on_centre
+from ptzd.matching.arrays import Floats, Mask
+from ptzd.matching.centre import WINDOWS, central_window, settle_on_centre
 from ptzd.matching.hypotheses import sample_inverse_ranges, speed
 from ptzd.matching.noise import noise_sigma, texture_ratio
 from ptzd.matching.patch import MARGIN_PX, SMOOTHING, Patch, cut_patch, step_for
@@ -44,6 +44,8 @@ COARSE_ITERATIONS = 2
 FINE_ITERATIONS = 3
 WORTH_REFINING = 0.6
 """Share of the best rough score below which a peak is reported as it is."""
+ALIKE = 0.5
+"""Share of another place's score at the centre from which a place is as good a one."""
 WORTH_SETTLING = 0.75
 """Share of the best score below which the centre's own surface is not asked for."""
 
@@ -55,6 +57,8 @@ class Level:
     patch: Patch
     view: WorkingView
     template: Template
+    noise: tuple[float, float]
+    """One sigma of a sample, grey levels, of the patch and of the view."""
     bounds: Bounds
 
     def score(self, place: Place, arc: EpipolarArc) -> Scores:
@@ -84,7 +88,8 @@ class Scene:
         own = max(self.noise[0] / step, LEAST_NOISE) / np.sqrt(4.0 * np.pi) / SMOOTHING
         other = max(self.noise[1] * view.noise_gain, LEAST_NOISE / 2)
         bounds = Bounds(inverse_range=inputs.inverse_range, band_rad=inputs.band_rad, noise=float(np.hypot(own, other)))
-        return Level(patch=patch, view=view, template=make_template(patch, (own, other)), bounds=bounds)
+        noise = (own, other)
+        return Level(patch=patch, view=view, template=make_template(patch, noise), noise=noise, bounds=bounds)
 
 
 def sweep(inputs: MatchInputs) -> tuple[float, tuple[Candidate, ...], tuple[float, float]]:
@@ -157,12 +162,26 @@ def _finish(scene: Scene, coarse: Level, level: Level, rough: Place) -> tuple[Ca
     )
     if len(settled):
         outer = Refined(place=whole.take(settled), sigma_rad=sigma[settled], gain=refined.gain[settled])
-        inner, sigma[settled] = settle_on_centre(patch, level.view, arc, outer, level.bounds, ranges)
-        whole.planes[settled] = inner.planes
+        inner, inner_sigma = settle_on_centre(patch, level.view, arc, outer, level.bounds, ranges)
+        moved = np.flatnonzero(~_onto_its_like(level, arc, outer.place, inner))
+        whole.planes[settled[moved]], sigma[settled[moved]] = inner.planes[moved], inner_sigma[moved]
     chosen = separate(whole, found.total, arc, apart, CANDIDATES)
     return _candidates(
         scene, whole.take(chosen), found.total[chosen], sharpness[chosen], sigma[chosen], found.in_view[chosen]
     )
+
+
+def _onto_its_like(level: Level, arc: EpipolarArc, before: Place, after: Place) -> Mask:
+    """Which candidates moved to where another one was, though their own centre is as like: these stay two places."""
+    distance = SEPARATION * level.patch.angle_rad
+    near = after.bearings(arc) @ before.bearings(arc).T >= 1.0 - 0.5 * distance * distance
+    onto_another = np.asarray(near.any(axis=1) & ~near.diagonal())
+    window = central_window(level.patch, WINDOWS[0])
+    if window is None or not onto_another.any():
+        return onto_another
+    centre = replace(level, patch=window, template=make_template(window, level.noise))
+    left, reached = np.split(centre.score(before.join(after), arc).total, 2)
+    return np.asarray(onto_another & (left >= ALIKE * reached))
 
 
 def _candidates(
