@@ -377,8 +377,6 @@ class Machine:
         elif active.lock is not None:
             self._apply_lock(lock.on_deadline(self._work, active))
 
-    # status
-
     def _status_now(self) -> cmd.PublishStatus:
         memory, active = self._memory, self._memory.active
         return cmd.PublishStatus(

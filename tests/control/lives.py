@@ -1,0 +1,329 @@
+"""Random lives of the core: whatever may come, likely or not, and the laws that hold after every event."""
+
+from __future__ import annotations
+
+import itertools
+import random
+from dataclasses import replace
+
+import msgspec
+
+from ptzd.config import core_parts
+from ptzd.control import commands as cmd
+from ptzd.control import events as ev
+from ptzd.control.machine import Machine
+from ptzd.control.states import TRANSITIONS, WORKING, State
+from ptzd.control.work import MATCH_GUARD_NS, STOP_GUARD_NS
+from ptzd.model import Box, FrameRef, HeadLimits, HeadReading, Motion, ViewRef
+
+HOME = HeadReading(pan_deg=0.0, tilt_deg=0.0, zoom=1.0)
+BOX = Box(x=330, y=230, w=40, h=32)
+STALE = 999_999
+"""An id that no command had."""
+SECOND_NS = 1_000_000_000
+
+
+def plain(kind: type[ev.Event], t_ns: int) -> ev.Event:
+    """One event of a kind, of which the core expects nothing."""
+    frame = FrameRef(seq=1, t_capture_ns=t_ns)
+    limits = HeadLimits(pan_deg=(-170, 170), tilt_deg=(-80, 80), zoom=(1, 9999))
+    fields: dict[type[ev.Event], dict[str, object]] = {
+        ev.RequestReceived: {"token": 9, "id": "new", "box": BOX},
+        ev.PayloadRefused: {"token": 9, "code": "invalid", "message": "no", "field": "$"},
+        ev.UpdateReceived: {"id": "a", "box": BOX},
+        ev.CancelReceived: {"token": 9, "id": "a"},
+        ev.ControlReceived: {"token": 9, "verb": ev.Verb.STOP},
+        ev.FrameArrived: {"frame": frame},
+        ev.HeadReady: {"limits": limits, "reading": HOME},
+        ev.DeviceLost: {"device": ev.Device.PTZ, "reason": "no answer"},
+        ev.DeviceWell: {"device": ev.Device.PTZ},
+        ev.HeadPolled: {"reading": HOME, "motion": Motion.STABLE},
+        ev.ForeignMotion: {"reading": HOME},
+        ev.HeadArrived: {"move_id": STALE, "reading": HOME},
+        ev.HeadStalled: {"move_id": STALE, "reading": HOME, "reason": "blocked"},
+        ev.ViewTaken: {"grab_id": STALE, "view": ViewRef(frame=frame, reading=HOME, sigma_deg=0.01)},
+        ev.GrabFailed: {"grab_id": STALE, "reason": "dark"},
+        ev.MatchFailed: {"match_id": STALE, "reason": "broken"},
+    }
+    if kind is ev.MatchFinished:
+        return ev.MatchFinished(t_ns=t_ns, match_id=STALE, result=None)  # type: ignore[arg-type]  # not looked at
+    return kind(t_ns=t_ns, **fields.get(kind, {}))
+
+
+class Life:
+    """Drives one core with whatever may come, likely or not, and watches the laws after every event."""
+
+    def __init__(self, world, chance: random.Random) -> None:
+        self.world = world
+        self.chance = chance
+        self.pick = chance.choice
+        self.machine: Machine = world.machine
+        self.limits: HeadLimits = world.limits
+        self.t_ns = world.t_ns
+        self.told: list[ev.Event] = []
+        self.done: list[cmd.Command] = []
+        self.tokens = itertools.count(1)
+        self.asked: set[int] = set()
+        self.names: list[str] = []
+        self.accepted: set[str] = set()
+        self.pinned: set[str] = set()
+        self.ended: dict[str, int] = {}
+        self.answered: dict[int, int] = {}
+        self.head: cmd.MoveHead | cmd.GrabView | None = None
+        self.matches: dict[int, tuple[int, cmd.RunMatch]] = {}
+        self.stop_sent_ns: int | None = None
+        self.stands = False
+        self.seq = 0
+
+    # what may come
+
+    def act(self, action: str) -> None:
+        getattr(self, f"_{action}")()
+
+    def _start(self) -> None:
+        self._well_ptz()
+        self._well_fisheye()
+        self._frame()
+
+    def _well_ptz(self) -> None:
+        self.tell(ev.HeadReady(t_ns=self.t_ns, limits=self.limits, reading=HOME))
+        self.tell(ev.DeviceWell(t_ns=self.t_ns, device=ev.Device.PTZ))
+
+    def _well_fisheye(self) -> None:
+        self.tell(ev.DeviceWell(t_ns=self.t_ns, device=ev.Device.FISHEYE))
+
+    def _lost(self) -> None:
+        device = self.pick(list(ev.Device))
+        self.tell(ev.DeviceLost(t_ns=self.t_ns, device=device, reason=self.pick(["cut", "mute"])))
+
+    def _frame(self) -> None:
+        self.seq += 1
+        self.tell(
+            ev.FrameArrived(t_ns=self.t_ns, frame=FrameRef(seq=self.seq, t_capture_ns=self.t_ns - SECOND_NS // 20))
+        )
+
+    def _request(self) -> None:
+        self._frame()
+        again = self.names and self.chance.random() < 0.1
+        name = self.pick(self.names) if again else f"r{len(self.names)}"
+        if name not in self.names:
+            self.names.append(name)
+        box = self.pick([*[BOX] * 6, replace(BOX, x=250), replace(BOX, x=635), replace(BOX, w=4)])
+        zoom = self.pick(list(ev.ZoomWish))
+        self.tell(
+            ev.RequestReceived(
+                t_ns=self.t_ns,
+                token=self.pick([None, self._token(), self._token()]),
+                id=name,
+                box=box,
+                frame_seq=self.pick([*[None] * 6, self.seq, 10**6]),
+                zoom=zoom,
+                hfov_deg=20.0 if zoom is ev.ZoomWish.HFOV else None,
+                hold_s=self.pick([0.0, 1.0, 20.0]),
+                timeout_s=self.pick([None, 3.0, 30.0]),
+                priority=self.pick([0, 1, 2]),
+            )
+        )
+
+    def _refused(self) -> None:
+        name = self.pick([None, "bad"])
+        token = None if name else self._token()
+        self.tell(ev.PayloadRefused(t_ns=self.t_ns, token=token, code="invalid", message="no", field="$", id=name))
+
+    def _update(self) -> None:
+        self._frame()
+        box = self.pick([replace(BOX, x=380), replace(BOX, x=700)])
+        self.tell(ev.UpdateReceived(t_ns=self.t_ns, id=self._name(), box=box, frame_seq=self.seq))
+
+    def _cancel(self) -> None:
+        self.tell(ev.CancelReceived(t_ns=self.t_ns, token=self._token(), id=self._name()))
+
+    def _control(self) -> None:
+        verb = self.pick(list(ev.Verb))
+        self.tell(ev.ControlReceived(t_ns=self.t_ns, token=self._token(), verb=verb))
+
+    def _answer(self) -> None:
+        """What is due: a match, else the head."""
+        if self.matches and self.pick([True, False]):
+            self._match_answers()
+        else:
+            self._head_answers()
+
+    def _head_answers(self) -> None:
+        self.t_ns += SECOND_NS // 4
+        head, self.head = self.head, None
+        if isinstance(head, cmd.MoveHead):
+            self.world.reading = head.target
+            self.tell(ev.HeadArrived(t_ns=self.t_ns, move_id=head.move_id, reading=head.target))
+        elif isinstance(head, cmd.GrabView):
+            self.tell(ev.ViewTaken(t_ns=self.t_ns, grab_id=head.grab_id, view=self._view()))
+        elif self.stop_sent_ns is not None:
+            self.tell(ev.HeadStopped(t_ns=self.t_ns))
+
+    def _head_fails(self) -> None:
+        head, self.head = self.head, None
+        if isinstance(head, cmd.MoveHead):
+            self.tell(ev.HeadStalled(t_ns=self.t_ns, move_id=head.move_id, reading=HOME, reason="blocked"))
+        elif isinstance(head, cmd.GrabView):
+            self.tell(ev.GrabFailed(t_ns=self.t_ns, grab_id=head.grab_id, reason="dark"))
+
+    def _match_answers(self) -> None:
+        self.t_ns += SECOND_NS // 50
+        number, (_, job) = self.matches.popitem()
+        self.world.score = self.pick([0.95] * 8 + [0.5, 0.1])
+        self.world.texture = self.pick([9.0] * 9 + [0.2])
+        self.tell(ev.MatchFinished(t_ns=self.t_ns, match_id=number, result=self.world.match(job)))
+
+    def _match_fails(self) -> None:
+        if self.matches:
+            self.tell(ev.MatchFailed(t_ns=self.t_ns, match_id=self.matches.popitem()[0], reason="broken"))
+
+    def _late_answer(self) -> None:
+        """An answer to something long forgotten."""
+        kind = self.pick([ev.HeadArrived, ev.HeadStalled, ev.GrabFailed, ev.MatchFailed, ev.ViewTaken])
+        self.tell(plain(kind, self.t_ns))
+
+    def _polled(self) -> None:
+        self.tell(ev.HeadPolled(t_ns=self.t_ns, reading=self.world.reading, motion=self.pick(list(Motion))))
+
+    def _foreign(self) -> None:
+        reading = HeadReading(pan_deg=self.pick([-40.0, 70.0]), tilt_deg=5.0, zoom=1.0)
+        self.tell(ev.ForeignMotion(t_ns=self.t_ns, reading=reading))
+
+    def _deadline(self) -> None:
+        """The time the core asked for comes, unless nothing is wanted."""
+        deadline = self.machine.deadline_ns()
+        if deadline is not None:
+            self.t_ns = max(self.t_ns, deadline)
+            self.tell(ev.DeadlinePassed(t_ns=self.t_ns))
+            then = self.machine.deadline_ns()
+            assert then is None or then > self.t_ns, "a deadline that was served does not come again"
+
+    def _early_deadline(self) -> None:
+        self.tell(ev.DeadlinePassed(t_ns=self.t_ns))
+
+    def _settings(self) -> None:
+        """Another wish of whoever edits the file; what was accepted before goes on."""
+        config = self.machine.config
+        other = msgspec.structs.replace(
+            config,
+            queue=msgspec.structs.replace(config.queue, size=self.pick([0, 1, 8])),
+            lock=msgspec.structs.replace(config.lock, max_corrections=self.pick([0, 2]), fill=self.pick([0.3, 0.5])),
+            home=msgspec.structs.replace(config.home, pan_deg=self.pick([0.0, 20.0])),
+        )
+        self.tell(ev.SettingsChanged(t_ns=self.t_ns, parts=core_parts(other)))
+
+    def _wait(self) -> None:
+        self.t_ns += round(self.pick([0.05, 0.5, 2.0]) * SECOND_NS)
+
+    def _shutdown(self) -> None:
+        self.tell(ev.ShutdownRequested(t_ns=self.t_ns))
+
+    def _token(self) -> int:
+        return next(self.tokens)
+
+    def _name(self) -> str:
+        return self.pick([*self.names[-3:], "nobody"])
+
+    def _view(self) -> ViewRef:
+        self.seq += 1
+        return ViewRef(frame=FrameRef(seq=self.seq, t_capture_ns=self.t_ns), reading=self.world.reading, sigma_deg=0.01)
+
+    # what must hold
+
+    def tell(self, event: ev.Event) -> None:
+        before = self.machine.state
+        commands = self.machine.handle(event)
+        self.told.append(event)
+        self.done += commands
+        assert self.machine.state in TRANSITIONS[before, type(event)]
+        self._note_event(event)
+        for command in commands:
+            self._note(command, event)
+        self._check_deadline()
+
+    def _note_event(self, event: ev.Event) -> None:
+        token = getattr(event, "token", None)
+        if token is not None:
+            self.asked.add(token)
+        if isinstance(event, ev.HeadStopped) or self._stop_is_over(event):
+            self.stop_sent_ns = None
+        if isinstance(event, ev.DeadlinePassed):
+            fresh = {n: (sent, job) for n, (sent, job) in self.matches.items() if event.t_ns < sent + MATCH_GUARD_NS}
+            self.matches = fresh
+        lost = isinstance(event, ev.DeviceLost)
+        if lost and event.device is ev.Device.PTZ:
+            self.head = None
+        asks = isinstance(event, ev.RequestReceived | ev.DeviceWell) or (
+            isinstance(event, ev.ControlReceived) and event.verb is ev.Verb.HOME
+        )
+        if asks:
+            self.stands = False
+
+    def _stop_is_over(self, event: ev.Event) -> bool:
+        if isinstance(event, ev.DeviceLost) and event.device is ev.Device.PTZ:
+            return True
+        sent = self.stop_sent_ns
+        return isinstance(event, ev.DeadlinePassed) and sent is not None and event.t_ns >= sent + STOP_GUARD_NS
+
+    def _note(self, command: cmd.Command, event: ev.Event) -> None:
+        match command:
+            case cmd.MoveHead():
+                assert self.limits.contains(command.target)
+                assert self.stop_sent_ns is None, "nothing moves before a stop is confirmed"
+                assert not self.stands, "nothing moves after an operator's stop"
+                assert self.machine.state is not State.STOPPED
+                self.head = command
+            case cmd.GrabView():
+                self.head = command
+            case cmd.StopHead():
+                self.head, self.stop_sent_ns = None, self.t_ns
+                self.stands = isinstance(event, ev.ControlReceived) and event.verb is ev.Verb.STOP
+            case cmd.RunMatch():
+                self.matches[command.match_id] = (self.t_ns, command)
+            case cmd.AbandonMatches():
+                self.matches.clear()
+            case cmd.PinFrame():
+                self.pinned.add(command.request_id)
+                self.accepted.add(command.request_id)
+            case cmd.ReleaseFrames():
+                self.pinned.remove(command.request_id)
+            case cmd.PublishFeedback():
+                assert command.id in self.accepted
+                assert command.id not in self.ended, "nothing is said of a request after its result"
+            case cmd.PublishResult():
+                self.ended[command.id] = self.ended.get(command.id, 0) + 1
+                assert command.reason
+                assert command.elapsed_ms >= 0
+            case cmd.ReplyAccepted() | cmd.ReplyRefused() | cmd.ReplyOutcome():
+                self.answered[command.token] = self.answered.get(command.token, 0) + 1
+            case _:
+                pass
+
+    def _check_deadline(self) -> None:
+        """Armed exactly while something is under way; the only thing besides is going home after a while."""
+        deadline, status = self.machine.deadline_ns(), self.status
+        under_way = bool(self.matches) or self.stop_sent_ns is not None or status.active is not None or status.queue
+        if any(isinstance(command, cmd.Finished) for command in self.done):
+            assert deadline is None
+        elif under_way or self.machine.state in WORKING | {State.HOME}:
+            assert deadline is not None
+        elif self.machine.state is not State.IDLE:
+            assert deadline is None
+
+    @property
+    def status(self) -> cmd.PublishStatus:
+        empty = cmd.PublishStatus(state=State.STARTING, active=None, phase="", queue=(), fisheye="", ptz="", held=False)
+        return next((command for command in reversed(self.done) if isinstance(command, cmd.PublishStatus)), empty)
+
+    def end(self) -> None:
+        """The daemon ends: now everything must have been answered, once."""
+        if self.machine.state is not State.STOPPED:
+            self._shutdown()
+        for _ in range(3):
+            self._deadline()
+        assert len([command for command in self.done if isinstance(command, cmd.Finished)]) == 1
+        assert {name: self.ended.get(name) for name in self.accepted} == dict.fromkeys(self.accepted, 1)
+        assert all(count == 1 for count in self.ended.values())
+        assert self.pinned == set()
+        assert self.answered == dict.fromkeys(self.asked, 1)

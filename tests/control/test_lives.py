@@ -1,0 +1,62 @@
+"""Random lives of the core: the laws hold, a twin decides the same, and the lives go everywhere."""
+
+from __future__ import annotations
+
+import random
+
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from ptzd.control import commands as cmd
+from ptzd.control.machine import Machine
+from ptzd.control.states import State
+from ptzd.model import Outcome
+from tests.control.lives import Life
+
+LIKELY = ("request", "answer", "answer", "answer", "answer", "answer", "deadline")
+UNLIKELY = (
+    "well_ptz", "well_fisheye", "lost", "frame", "refused", "update", "cancel", "control", "head_fails", "match_fails",
+    "late_answer", "polled", "foreign", "early_deadline", "wait", "start",
+    "settings",
+)  # fmt: skip
+ACTIONS = [*LIKELY * 8, *UNLIKELY]
+
+
+@settings(max_examples=120)
+@example(seed=643)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_a_life_of_whatever_may_come(rig, config, new_world, seed: int) -> None:
+    chance = random.Random(seed)
+    life = Life(new_world(), chance)
+    life.act("start")
+    for action in chance.choices(ACTIONS, k=chance.randint(5, 60)):
+        life.act(action)
+    middle, told, done = life.machine.snapshot(life.t_ns), len(life.told), len(life.done)
+    in_force = life.machine.config
+    for action in chance.choices(ACTIONS, k=chance.randint(5, 60)):
+        life.act(action)
+    life.end()
+    twin, heir = Machine(rig, config), Machine.restored(rig, in_force, middle)
+    assert [command for event in life.told for command in twin.handle(event)] == life.done
+    assert [command for event in life.told[told:] for command in heir.handle(event)] == life.done[done:]
+    for action in chance.choices(ACTIONS, k=5):
+        life.act(action)
+    assert life.machine.state is State.STOPPED
+
+
+RARE = {Outcome.LOST, Outcome.RELEASED, Outcome.AMBIGUOUS}
+"""Ends that only a certain course of events leads to; tests of the core lead there."""
+
+
+def test_such_lives_go_everywhere(new_world) -> None:
+    """The test above would prove nothing if its events led nowhere."""
+    seen: set[str] = set()
+    for seed in range(60):
+        chance = random.Random(seed)
+        life = Life(new_world(), chance)
+        life.act("start")
+        for action in chance.choices(ACTIONS, k=100):
+            life.act(action)
+            seen.add(life.machine.state)
+        seen |= {command.outcome for command in life.done if isinstance(command, cmd.PublishResult)}
+    assert seen >= (set(State) - {State.STOPPED, State.STARTING}) | set(Outcome) - RARE
