@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -24,7 +24,7 @@ from ptzd.calibration.views import ViewVerdict
 from ptzd.errors import CalibrationError
 from ptzd.geometry.head import Axis, HeadModel
 from ptzd.geometry.sphere import angle_between
-from ptzd.geometry.types import CameraModel
+from ptzd.geometry.types import Array, CameraModel
 from ptzd.geometry.zoom import ZoomEntry, ZoomTable
 from ptzd.model import HeadReading
 
@@ -74,14 +74,25 @@ def read_shots(path: Path) -> tuple[Shot, ...]:
     return shots
 
 
+def part_path(work: Path, name: str) -> Path:
+    """Where a part of the rig is kept."""
+    return work / f"{name}.part.yaml"
+
+
 def write_part(work: Path, name: str, section: object, quality: Mapping[str, object]) -> Path:
     """Keep a part of the rig in the work folder."""
     work.mkdir(parents=True, exist_ok=True)
-    path = work / f"{name}.part.yaml"
+    path = part_path(work, name)
     when = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     document = {"ptzd_part": name, name: section, "quality": dict(quality), "made": when, "ptzd": __version__}
     path.write_text(yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=120))
     return path
+
+
+def covariance_part(names: Sequence[str], covariance: Array) -> dict[str, object]:
+    """A covariance as the provenance of rig.yaml has it: names, and rows of numbers (px, rad, the unit of T)."""
+    rows = [[float(f"{value:.6g}") for value in row] for row in covariance.tolist()]
+    return {"of": list(names), "rows": rows}
 
 
 def read_part(work: Path, name: str) -> dict[str, Any]:
@@ -92,7 +103,7 @@ def read_part(work: Path, name: str) -> dict[str, Any]:
     CalibrationError
         When it has not been made yet.
     """
-    path = work / f"{name}.part.yaml"
+    path = part_path(work, name)
     try:
         document = yaml.safe_load(path.read_text())
     except OSError:
@@ -197,6 +208,7 @@ def fisheye(source: Path, target: Target, work: Path, model: str, say: Say) -> t
         "ray_sigma_deg": math.degrees(fit.ray_sigma_rad()),
         "other_model": {"model": rival.name, "rms_px": other.rms_px, "rays_apart_deg": float(np.median(difference))},
         "sigma": dict(zip(lens.names, np.sqrt(np.diag(fit.covariance)).tolist(), strict=True)),
+        "covariance": covariance_part(lens.names, fit.covariance),
     }
     path = write_part(work, "fisheye", fisheye_section(camera_to_edge(fit)), quality)
     lines = [
@@ -244,7 +256,15 @@ def zoom_from_boards(shots: Path, target: Target, work: Path, say: Say) -> Outco
         fx, fy, cx, cy, k1, k2, p1, p2, k3 = fit.values.tolist()
         entries.append(ZoomEntry(zoom=zoom, fx=fx, fy=fy, cx=cx, cy=cy, distortion=(k1, k2, p1, p2, k3)))
         share = float(np.sqrt(fit.covariance[0, 0])) / fx
-        quality.append({"zoom": zoom, "views": len(fit.views), "rms_px": fit.rms_px, "focal_sigma": share})
+        quality.append(
+            {
+                "zoom": zoom,
+                "views": len(fit.views),
+                "rms_px": fit.rms_px,
+                "focal_sigma": share,
+                "covariance": covariance_part(PERSPECTIVE.names, fit.covariance),
+            }
+        )
         lines += [f"zoom {zoom:g}: fx {fx:.2f} px ± {100 * share:.2f} %, rms {fit.rms_px:.3f} px"]
     path = write_zoom(work, ZoomTable(size_px=size_px, entries=tuple(entries)), {"zooms": quality, "board": True})
     return Outcome(lines=tuple(lines), document={"zooms": quality}, written=(path,))

@@ -213,22 +213,22 @@ def _guidance() -> Iterator[Callable[[Advice], None]]:
 
 
 def _zoom(arguments: argparse.Namespace) -> int:
-    from ptzd.app import calibrate_rig, calibrating
+    from ptzd.app import calibrate_head, calibrating
 
     shots = _live_zooms(arguments) if arguments.live else arguments.shots
     if shots is None:
         raise CalibrationError("zoom: give the list of pictures, or --live with --config and --board")
     if arguments.board is None:
-        outcome = calibrate_rig.turning(shots, arguments.work, _say)
+        outcome = calibrate_head.turning(shots, arguments.work, _say)
     else:
         outcome = calibrating.zoom_from_boards(shots, _target(arguments), arguments.work, _say)
     return _show(outcome, as_json=arguments.json)
 
 
 def _head(arguments: argparse.Namespace) -> int:
-    from ptzd.app import calibrate_rig
+    from ptzd.app import calibrate_head
 
-    outcome = calibrate_rig.head_from_boards(arguments.shots, _target(arguments), arguments.work, _say)
+    outcome = calibrate_head.head_from_boards(arguments.shots, _target(arguments), arguments.work, _say)
     return _show(outcome, as_json=arguments.json)
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from ptzd.app.calibrate_session import Board, Studio, samples, tilted
 from ptzd.calibration.detect import charuco_board
-from ptzd.calibration.file import load_rig
+from ptzd.calibration.file import load_provenance, load_rig
 from ptzd.calibration.lens import UNIFIED, WIDE_RAD
 from ptzd.calibration.readers import read_foreign
 from ptzd.calibration.target import Target, TargetKind
@@ -179,6 +179,14 @@ def test_boards_before_a_simulated_rig_give_its_rig_yaml(tmp_path):
     errors = studio.pointing_errors_deg(rig)
     assert np.percentile(errors, 95) <= 0.2
     assert rig.metric
+    made = load_provenance(tmp_path / "rig.yaml")
+    parts = made["parts"]
+    estimated = (made, parts["fisheye"], parts["ptz"]["zooms"][0], parts["head"])
+    for covariance in (part["covariance"] for part in estimated):
+        rows = np.array(covariance["rows"])
+        assert rows.shape == (len(covariance["of"]),) * 2
+        assert np.allclose(rows, rows.T)
+        assert np.linalg.eigvalsh(rows).min() > -1e-9 * np.abs(rows).max()
 
 
 def test_pictures_all_alike_are_refused(pictures, tmp_path, capsys):
