@@ -29,6 +29,8 @@ START_S = 40.0
 """Simulator and daemon are up in seconds; a loaded machine may need longer to import."""
 END_S = 10.0
 REQUEST_S = 90.0
+ANSWER_S = 20.0
+"""For the daemon's answer to a question: it shares the processor with both cameras."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,7 +82,7 @@ async def run_demo(scene: str, out: Path, say: Callable[[str], None], *, boxes: 
         endpoint = f"tcp/127.0.0.1:{port}"
         async with simulator(scene, out, endpoint) as ready:
             say(f"simulated AXIS camera at {ready['ptz_url']}, fisheye at {ready['fisheye_url']}")
-            async with daemon(out / "ptzd.yaml"), Client.open(endpoint, rig="demo") as client:
+            async with daemon(out / "ptzd.yaml"), Client.open(endpoint, rig="demo", timeout_s=ANSWER_S) as client:
                 say(f"daemon serves rig demo at {endpoint}")
                 shots = [
                     await shoot(client, str(ready["truth_url"]), item.name, (item.x, item.y, item.w, item.h), say)

@@ -18,6 +18,8 @@ from ptzd.sim.settings import SimSettings
 
 RIG = "demo"
 DEFAULT_PASSWORD = "pan-tilt-zoom"  # noqa: S105  # of a camera that exists on loopback only
+STARVED_S = 20.0
+"""Silence of a simulated camera that means its loss: it shares the processor with the daemon, and may be starved."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,12 +96,18 @@ def _config(rig: SimRig, bus: str) -> dict[str, object]:
     return {
         "rig": RIG,
         "calibration": "rig.yaml",
-        "fisheye": {"source": "http", "url": rig.fisheye_url, "latency_s": rig.settings.fisheye_latency_s},
+        "fisheye": {
+            "source": "http",
+            "url": rig.fisheye_url,
+            "latency_s": rig.settings.fisheye_latency_s,
+            "stall_s": STARVED_S,
+        },
         "ptz": {
             "url": ptz_url(rig),
             "user": rig.settings.user,
             "password_file": "password",
             "size_px": list(rig.settings.ptz_size_px),
+            "stall_s": STARVED_S,
             **pinned,
         },
         "bus": {"listen": [bus]},

@@ -16,6 +16,7 @@ from ptzd.control.events import RequestReceived, UpdateReceived, ZoomWish
 from ptzd.errors import BusError, RequestRefused
 from ptzd.model import Box, FrameRef, Outcome
 
+PATIENCE_S = 100.0
 BOX = (1.0, 2.0, 30.0, 40.0)
 
 
@@ -74,7 +75,7 @@ async def test_nothing_said_right_after_the_acceptance_is_missed(bus, client, re
 
 async def test_another_client_finds_the_result_late(bus, client, result, endpoint):
     bus.perform(result("a"))
-    async with Client.open(endpoint, rig="hall") as late:
+    async with Client.open(endpoint, rig="hall", timeout_s=PATIENCE_S) as late:
         assert (await late.result("a")).id == "a"
         assert [step async for step in late.feedback("a")] == []
 
@@ -100,7 +101,7 @@ async def test_a_daemon_that_goes_away_is_noticed_while_waiting(endpoint, clock,
     monkeypatch.setattr(client_module, "RESYNC_S", 0.02)
     bus = ZenohBus(BusSettings(listen=(endpoint,)), "hall", clock)
     await bus.__aenter__()
-    async with Client.open(endpoint, rig="hall", timeout_s=0.5) as client:
+    async with Client.open(endpoint, rig="hall", timeout_s=PATIENCE_S) as client:
         waiting = asyncio.ensure_future(client.result("a"))
         await client.status()
         await bus.__aexit__(None, None, None)
@@ -128,10 +129,10 @@ async def test_no_server_at_the_address(endpoint):
 
 
 async def test_the_only_rig_needs_no_name(client, endpoint, clock, until_alive):
-    async with Client.open(endpoint) as guest:
+    async with Client.open(endpoint, timeout_s=PATIENCE_S) as guest:
         assert (await guest.status()).state == "STARTING"
     other = BusSettings(mode="client", listen=(), connect=(endpoint,))
-    async with ZenohBus(other, "yard", clock), Client.open(endpoint) as guest:
+    async with ZenohBus(other, "yard", clock), Client.open(endpoint, timeout_s=PATIENCE_S) as guest:
         await until_alive(guest, "yard")
         with pytest.raises(BusError, match="there are hall, yard; name one"):
             await guest.status()
@@ -157,7 +158,7 @@ async def test_gibberish_from_the_other_side_is_a_bus_error(bus, client, endpoin
             query.reply("ptzd/odd/status", b'{"state": 3}')
 
     queryable = bus._session.declare_queryable("ptzd/odd/status", Callback(gibber, indirect=False), complete=True)
-    async with Client.open(endpoint, rig="odd") as guest:
+    async with Client.open(endpoint, rig="odd", timeout_s=PATIENCE_S) as guest:
         with pytest.raises(BusError, match="no message of a ptzd of this version"):
             await guest.status()
     queryable.undeclare()

@@ -22,7 +22,7 @@ class Clock:
 
 async def forgetful(endpoint):
     bus = await ZenohBus(BusSettings(listen=(endpoint,)), "hall", Clock()).__aenter__()
-    client = await Client.open(endpoint, rig="hall").__aenter__()
+    client = await Client.open(endpoint, rig="hall", timeout_s=100.0).__aenter__()
     print((await client.status()).state, flush=True)
 
 async def steady(endpoint):

@@ -116,7 +116,10 @@ async def test_without_the_filter_a_megabyte_is_refused_unread(endpoint, clock, 
     file = tmp_path / "no-filter.json5"
     file.write_text("{scouting: {multicast: {enabled: false}}}")
     settings = BusSettings(listen=(endpoint,), config_file=str(file))
-    async with ZenohBus(settings, "hall", clock) as bus, Client.open(endpoint, rig="hall") as client:
+    async with (
+        ZenohBus(settings, "hall", clock) as bus,
+        Client.open(endpoint, rig="hall", timeout_s=PATIENCE_S) as client,
+    ):
         raw = client._session
         error = await ask(raw, "ptzd/hall/roi", b"x" * 1_000_000).document()
         assert error["code"] == "too_large"
@@ -225,7 +228,7 @@ async def test_result_names_its_place_in_the_log(endpoint, clock, result):
     where = LogReference(file="a.mcap", t_ns=5)
     async with (
         ZenohBus(BusSettings(listen=(endpoint,)), "hall", clock, log_reference=lambda: where) as bus,
-        Client.open(endpoint, rig="hall") as client,
+        Client.open(endpoint, rig="hall", timeout_s=PATIENCE_S) as client,
     ):
         bus.perform(result("a"))
         assert (await client.result("a")).log == where
@@ -234,7 +237,7 @@ async def test_result_names_its_place_in_the_log(endpoint, clock, result):
 async def test_results_are_forgotten_in_time(endpoint, clock, result):
     async with (
         ZenohBus(BusSettings(listen=(endpoint,)), "hall", clock, results_kept_s=1e-9) as bus,
-        Client.open(endpoint, rig="hall") as client,
+        Client.open(endpoint, rig="hall", timeout_s=PATIENCE_S) as client,
     ):
         bus.perform(result("a"))
         assert (await ask(client._session, "ptzd/hall/roi/a/result").document())["code"] == "unknown_id"
@@ -249,7 +252,7 @@ async def test_status_joins_what_core_and_shell_know(endpoint, clock):
     extra = {"versions": {"ptzd": "1"}, "state": "not the shell's business", "log": {"file": "x.mcap"}}
     async with (
         ZenohBus(BusSettings(listen=(endpoint,)), "hall", clock, status_extra=lambda: extra) as bus,
-        Client.open(endpoint, rig="hall") as client,
+        Client.open(endpoint, rig="hall", timeout_s=PATIENCE_S) as client,
     ):
         bus.perform(STATUS)
         bus.publish("status", {"devices": {"ptz": {"model": "V5915"}}})
@@ -352,7 +355,7 @@ class Pair:
 
     def __init__(self, endpoint, clock) -> None:
         self.bus = ZenohBus(BusSettings(listen=(endpoint,)), "hall", clock)
-        self.client = Client.open(endpoint, rig="hall")
+        self.client = Client.open(endpoint, rig="hall", timeout_s=PATIENCE_S)
 
     async def __aenter__(self):
         await self.bus.__aenter__()
