@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import time
 from pathlib import Path
 
@@ -79,6 +80,7 @@ def mend(directory: Path, total_bytes: int) -> tuple[float, float]:
     size = file.active.stat().st_size - 1000
     with file.active.open("rb+") as stream:
         stream.truncate(size)
+        os.fsync(stream.fileno())  # what a crash left behind is on the disk; recovery syncs what it adds
     begin = time.perf_counter()
     report = recover(file.active)
     elapsed_s = time.perf_counter() - begin
