@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 from ptzd.calibration.file import load_rig
 from ptzd.config import Search
 from ptzd.control.admission import check_box
-from ptzd.control.decision import Decision, Thresholds, Verdict, decide
+from ptzd.control.decision import Decision, Thresholds, Verdict, decide, direction_sigma_rad
 from ptzd.control.scan import ScanPlan, plan_views
 from ptzd.errors import PtzdError, RequestRefused
 from ptzd.geometry.arc import EpipolarArc
 from ptzd.geometry.rig import Rig
 from ptzd.geometry.sphere import bearing
+from ptzd.geometry.types import pixel_angle_rad
 from ptzd.matching.job import MatchInputs, match
 from ptzd.model import Box, HeadLimits, HeadReading, Matcher, MatchResult
 
@@ -131,6 +132,7 @@ def document(located: Located) -> dict[str, object]:
     found: dict[str, object] = {"outcome": decision.outcome.value, "reason": decision.reason}
     best = decision.best
     if best is not None and decision.view is not None:
+        pixel_rad = pixel_angle_rad(located.rig.fisheye, located.box.centre)
         aim = located.rig.aim(bearing(best.pan_rad, best.tilt_rad), located.views[decision.view].zoom)
         found |= {
             "pan_deg": math.degrees(best.pan_rad),
@@ -140,7 +142,7 @@ def document(located: Located) -> dict[str, object]:
             "box_px": [list(corner) for corner in best.box_px],
             "view": decision.view,
             "score": best.score,
-            "sigma_deg": math.degrees(best.sigma_rad),
+            "sigma_deg": math.degrees(direction_sigma_rad(best, pixel_rad)),
         }
     return found | {
         "probability": decision.probability,
