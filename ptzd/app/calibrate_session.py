@@ -220,7 +220,7 @@ class Studio:
         Of places and noise.
     """
 
-    def __init__(self, scene: str, kind: str, work: Path, target: Target, seed: int) -> None:
+    def __init__(self, scene: str | Path, kind: str, work: Path, target: Target, seed: int) -> None:
         self._scene, self._profile = load_scene(scene), profile(kind)
         self._head = head_model(self._profile.mount, self._profile)
         self._lens = fisheye_camera(self._scene.camera, None)

@@ -1,0 +1,50 @@
+"""Calibration without a board on simulated rigs of several scenes and mountings, and how wrong each points.
+
+python -m tests.bench.boardless [SCENE-PROFILE-SEED ...]
+
+The same steps as `ptzd calibrate zoom` and `rig`; pointing error at the true range over a grid of the fisheye's picture.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from ptzd.app.calibrate_head import turning
+from ptzd.app.calibrate_rig import rig_from_scene
+from ptzd.app.calibrate_session import Studio
+from ptzd.calibration.target import Target
+from tests.bench.stage import RENDERED, rendered
+
+RIGS = ("room-dome-3", "room-dome-4", "room-v5915-5", "yard-dome-3", "warehouse-dome-4")
+
+
+def silent(text: str) -> None:
+    del text
+
+
+def errors_deg(rig: str, folder: Path) -> np.ndarray:
+    """Pointing errors of one simulated rig, deg."""
+    scene, profile, seed = rig.split("-")
+    target = Target(columns=8, rows=6, pitch_m=0.03)
+    studio = Studio(rendered(scene) if scene in RENDERED else scene, profile, folder, target, int(seed))
+    shots = studio.scene_only()
+    turning(shots, folder, silent)
+    fisheye = folder / "scene" / "fisheye.jpg"
+    return studio.pointing_errors_deg(rig_from_scene(shots, fisheye, folder, folder / "rig.yaml", silent).rig)
+
+
+def main(rigs: tuple[str, ...]) -> None:
+    print("| simulated rig | pointing error, °: median | 95 % | largest |\n|---|---|---|---|")
+    for rig in rigs:
+        with tempfile.TemporaryDirectory() as name:
+            errors = errors_deg(rig, Path(name))
+        told = " | ".join(f"{value:.3f}" for value in (np.median(errors), np.percentile(errors, 95), errors.max()))
+        print(f"| {rig} | {told} |", flush=True)
+
+
+if __name__ == "__main__":
+    main(tuple(sys.argv[1:]) or RIGS)
