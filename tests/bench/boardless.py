@@ -2,7 +2,7 @@
 
 python -m tests.bench.boardless [SCENE-PROFILE-SEED ...]
 
-The same steps as `ptzd calibrate zoom` and `rig`; pointing error at the true range over a grid of the fisheye's picture.
+The same steps as `ptzd calibrate zoom` and `rig`; pointing error at the true range over a grid of the picture.
 """
 
 from __future__ import annotations
