@@ -19,6 +19,8 @@ GREEN, RED, YELLOW, CYAN = (80, 255, 50), (50, 60, 255), (0, 215, 255), (255, 23
 """BGR."""
 _FAR_PX = 1e5
 """Beyond it OpenCV's fixed-point drawing overflows."""
+EPIPOLE = "epipole"
+_FONT, _FONT_SIZE = cv2.FONT_HERSHEY_SIMPLEX, 0.5
 _SHIFT = 4
 """Fractional bits of drawn coordinates."""
 CROP_PX = 320
@@ -51,7 +53,9 @@ def fisheye(pixels: Pixels, rig: Rig, story: Story) -> Pixels:
     if epipole is not None:
         x, y = epipole
         cv2.drawMarker(picture, (round(x), round(y)), CYAN, cv2.MARKER_TILTED_CROSS, 12, 1)
-        _text(picture, "epipole", (x + 8, y - 4), CYAN)
+        (wide, _), _ = cv2.getTextSize(EPIPOLE, _FONT, _FONT_SIZE, 2)
+        if x < picture.shape[1]:
+            _text(picture, EPIPOLE, (min(x + 8, picture.shape[1] - wide), y - 8), CYAN)
     return picture
 
 
@@ -104,4 +108,4 @@ def _text(picture: Pixels, text: str, at: tuple[float, float], bgr: tuple[int, i
         return
     x, y = (round(float(np.clip(value, -_FAR_PX, _FAR_PX))) for value in at)
     for colour, thickness in (((0, 0, 0), 2), (bgr, 1)):
-        cv2.putText(picture, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, thickness, cv2.LINE_AA)
+        cv2.putText(picture, text, (x, y), _FONT, _FONT_SIZE, colour, thickness, cv2.LINE_AA)
