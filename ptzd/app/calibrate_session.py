@@ -23,6 +23,7 @@ from ptzd.errors import DeviceLost
 from ptzd.geometry.rig import Rig
 from ptzd.geometry.sphere import angle_between, bearing, rotation_from_rotvec
 from ptzd.geometry.types import Array, CameraModel
+from ptzd.matching.job import decode_grey
 from ptzd.model import HeadLimits, HeadReading, ViewRef
 from ptzd.ports import FrameSource, MoveStalled, Picture
 from ptzd.runtime.clock import SteadyClock
@@ -37,6 +38,9 @@ ZOOMS = (1, 170, 420, 800, 1350, 2200, 3500, 5500, 9999)
 """Evenly spread in the focal length of a lens whose magnification grows evenly, 1 to 32 times."""
 WIDE_DEG, TELE_SHARE = 60.0, 32.0
 """Field of view at zoom 1 and magnification at zoom 9999 that steps are chosen for; half as much or twice will do."""
+FISHEYE = "fisheye.png"
+FRAMES = 16
+"""Of the fisheye, averaged."""
 PICTURE_S = 30.0
 ATTEMPTS = 3
 SIZE_PX = (640, 480)
@@ -90,8 +94,8 @@ async def capture(config_path: Path, work: Path, zooms: Sequence[float], say: Sa
     config, clock = settings(config_path), SteadyClock()
     await asyncio.to_thread(work.mkdir, parents=True, exist_ok=True)
     async with open_fisheye(config.fisheye, clock) as source:
-        first = await _first(source)
-    (work / "fisheye.jpg").write_bytes(first.jpeg)
+        frames = await _frames(source)
+    await asyncio.to_thread(_write_mean, work / FISHEYE, frames)
     shots = []
     async with VapixHead(config.ptz, config.limits, clock) as head:
         readings = plan(await head.describe(), zooms)
@@ -105,7 +109,7 @@ async def capture(config_path: Path, work: Path, zooms: Sequence[float], say: Sa
                     pan_deg=view.reading.pan_deg,
                     tilt_deg=view.reading.tilt_deg,
                     zoom=float(round(view.reading.zoom)),
-                    fisheye="fisheye.jpg",
+                    fisheye=FISHEYE,
                 )
             )
             say(
@@ -115,18 +119,27 @@ async def capture(config_path: Path, work: Path, zooms: Sequence[float], say: Sa
     return write_shots(work / "shots.json", shots)
 
 
-async def _first(source: FrameSource) -> Picture:
-    """The next picture of a source that may need a moment to get going."""
+async def _frames(source: FrameSource) -> list[Picture]:
+    """Some pictures in a row of a source that may need a moment to get going."""
     lost: DeviceLost | None = None
     try:
         async with asyncio.timeout(PICTURE_S):
             while True:
+                stream = source.pictures()
                 try:
-                    return await anext(aiter(source.pictures()))
+                    return [await anext(stream) for _ in range(FRAMES)]
                 except DeviceLost as error:
                     lost = error
     except TimeoutError:
-        raise DeviceLost(f"fisheye: no picture within {PICTURE_S:g} s ({lost}); check cable or address") from None
+        raise DeviceLost(
+            f"fisheye: no {FRAMES} pictures in a row within {PICTURE_S:g} s ({lost}); check cable or address"
+        ) from None
+
+
+def _write_mean(path: Path, frames: Sequence[Picture]) -> None:
+    """Write the grey mean of pictures, without loss: their noise would be the features'."""
+    total = sum(decode_grey(frame.jpeg).astype(np.float64) for frame in frames)
+    cv2.imwrite(str(path), np.rint(total / len(frames)).astype(np.uint8))
 
 
 async def _shot(head: VapixHead, wanted: HeadReading, clock: SteadyClock) -> tuple[Picture, ViewRef]:
