@@ -41,6 +41,7 @@ WIDE_DEG, TELE_SHARE = 60.0, 32.0
 FISHEYE = "fisheye.png"
 FRAMES = 16
 """Of the fisheye, averaged."""
+PAUSE_S = 0.2
 PICTURE_S = 30.0
 ATTEMPTS = 3
 SIZE_PX = (640, 480)
@@ -130,6 +131,7 @@ async def _frames(source: FrameSource) -> list[Picture]:
                     return [await anext(stream) for _ in range(FRAMES)]
                 except DeviceLost as error:
                     lost = error
+                    await asyncio.sleep(PAUSE_S)
     except TimeoutError:
         raise DeviceLost(
             f"fisheye: no {FRAMES} pictures in a row within {PICTURE_S:g} s ({lost}); check cable or address"
