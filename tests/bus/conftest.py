@@ -16,6 +16,7 @@ from ptzd.control.events import CancelReceived, ControlReceived, Event, PayloadR
 from ptzd.model import FrameRef, Outcome
 
 PATIENCE_S = 100.0
+SETTLED_ANSWERS = 5
 """For anything that must happen; a loaded machine is slow, a hang is a failure."""
 
 
@@ -120,10 +121,14 @@ async def client(endpoint: str, bus: ZenohBus) -> AsyncIterator[Client]:
 @pytest.fixture
 def until_alive():
     async def wait(client: Client, rig: str) -> None:
-        """Ask until the rig's liveliness token has come round; every question is a round trip."""
+        """Ask until the rig's liveliness token has come round for good; every question is a round trip.
+
+        While sessions are still linking up, Zenoh may tell of a token once and not the next time.
+        """
+        in_a_row = 0
         async with asyncio.timeout(PATIENCE_S):
-            while rig not in await client.rigs():
-                pass
+            while in_a_row < SETTLED_ANSWERS:
+                in_a_row = in_a_row + 1 if rig in await client.rigs() else 0
 
     return wait
 
