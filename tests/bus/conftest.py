@@ -16,8 +16,10 @@ from ptzd.control.events import CancelReceived, ControlReceived, Event, PayloadR
 from ptzd.model import FrameRef, Outcome
 
 PATIENCE_S = 100.0
-SETTLED_ANSWERS = 5
 """For anything that must happen; a loaded machine is slow, a hang is a failure."""
+
+SETTLED_ANSWERS = 5
+"""In a row, until a rig counts as alive: Zenoh's liveliness may flap while a session is being joined."""
 
 
 class SteadyClock:
