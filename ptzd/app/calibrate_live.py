@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ptzd.app.calibrate_session import settings, write_shots
+from ptzd.app.calibrate_capture import settings, write_shots
 from ptzd.app.calibrating import Shot
 from ptzd.app.daemon import open_fisheye
 from ptzd.calibration.detect import Grey, detect

@@ -123,7 +123,7 @@ def _target(arguments: argparse.Namespace) -> Target:
 
 
 def _capture(arguments: argparse.Namespace) -> int:
-    from ptzd.app.calibrate_session import ZOOMS, capture
+    from ptzd.app.calibrate_capture import ZOOMS, capture
 
     zooms = ZOOMS if arguments.zooms is None else _numbers(arguments.zooms)
     path = asyncio.run(capture(arguments.config, arguments.work, zooms, _say))
@@ -132,7 +132,7 @@ def _capture(arguments: argparse.Namespace) -> int:
 
 
 def _simulate(arguments: argparse.Namespace) -> int:
-    from ptzd.app.calibrate_session import Studio
+    from ptzd.app.studio import Studio
 
     target = Target(columns=8, rows=6, pitch_m=0.03)
     studio = Studio(arguments.scene, arguments.profile, arguments.work, target, arguments.seed)

@@ -13,9 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
+from ptzd.app.calibrate_capture import FISHEYE
 from ptzd.app.calibrate_head import turning
 from ptzd.app.calibrate_rig import rig_from_scene
-from ptzd.app.calibrate_session import Studio
+from ptzd.app.studio import Studio
 from ptzd.calibration.target import Target
 from tests.bench.stage import RENDERED, rendered
 
@@ -33,7 +34,7 @@ def errors_deg(rig: str, folder: Path) -> np.ndarray:
     studio = Studio(rendered(scene) if scene in RENDERED else scene, profile, folder, target, int(seed))
     shots = studio.scene_only()
     turning(shots, folder, silent)
-    fisheye = folder / "scene" / "fisheye.jpg"
+    fisheye = folder / "scene" / FISHEYE
     return studio.pointing_errors_deg(rig_from_scene(shots, fisheye, folder, folder / "rig.yaml", silent).rig)
 
 

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from ptzd.app import calibrate_session
-from ptzd.app.calibrate_session import FRAMES
+from ptzd.app import calibrate_capture
+from ptzd.app.calibrate_capture import FRAMES, mean_grey, pictures_in_a_row
 from ptzd.errors import DeviceLost
 from ptzd.model import FrameRef
 from ptzd.ports import Picture
@@ -31,15 +31,14 @@ class Source:
             yield Picture(frame=FrameRef(seq=seq, t_capture_ns=seq), t_arrival_ns=seq, jpeg=jpeg)
 
 
-async def test_the_mean_of_pictures_in_a_row_has_less_noise(tmp_path):
-    frames = await calibrate_session._frames(Source(openings_lost=1))
-    calibrate_session._write_mean(tmp_path / "fisheye.png", frames)
-    mean = cv2.imread(str(tmp_path / "fisheye.png"), cv2.IMREAD_GRAYSCALE)
+async def test_the_mean_of_pictures_in_a_row_has_less_noise():
+    frames = await pictures_in_a_row(Source(openings_lost=1))
+    mean = mean_grey([frame.jpeg for frame in frames])
     assert len(frames) == FRAMES
     assert np.std(mean - GREY) < 1.5 * 8 / np.sqrt(FRAMES)
 
 
 async def test_a_source_that_never_lasts_is_named(monkeypatch):
-    monkeypatch.setattr(calibrate_session, "PICTURE_S", 0.2)
+    monkeypatch.setattr(calibrate_capture, "PICTURE_S", 0.2)
     with pytest.raises(DeviceLost, match=r"no 16 pictures in a row within 0\.2 s \(unplugged\)"):
-        await calibrate_session._frames(Source(openings_lost=10**9))
+        await pictures_in_a_row(Source(openings_lost=10**9))

@@ -10,8 +10,8 @@ import pytest
 import yaml
 
 from ptzd.app.calibrate_live import record, zoom_pictures
-from ptzd.app.calibrate_session import samples, tilted
 from ptzd.app.calibrating import zoom_from_boards, zoom_of
+from ptzd.app.studio import samples, tilted
 from ptzd.calibration.guide import Action, Goal
 from ptzd.calibration.lens import PERSPECTIVE, UNIFIED, WIDE_RAD
 from ptzd.calibration.pictures import list_pictures

@@ -1,8 +1,7 @@
-"""Pictures for a calibration: taken by driving the camera, or drawn of a simulated rig with boards in its scene."""
+"""A person who shows boards to a simulated rig, and the pictures its cameras take of them."""
 
 from __future__ import annotations
 
-import asyncio
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,20 +12,13 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ptzd.app.calibrating import Say, Shot
-from ptzd.app.daemon import open_fisheye
-from ptzd.app.loading import load_config
+from ptzd.app.calibrate_capture import FISHEYE, FRAMES, ZOOMS, mean_grey, plan, write_shots
+from ptzd.app.calibrating import Shot
 from ptzd.calibration.target import Target
-from ptzd.config import Config, HttpSource
-from ptzd.devices.vapix.head import VapixHead
-from ptzd.errors import DeviceLost
 from ptzd.geometry.rig import Rig
 from ptzd.geometry.sphere import angle_between, bearing, rotation_from_rotvec
 from ptzd.geometry.types import Array, CameraModel
-from ptzd.matching.job import decode_grey
-from ptzd.model import HeadLimits, HeadReading, ViewRef
-from ptzd.ports import FrameSource, MoveStalled, Picture
-from ptzd.runtime.clock import SteadyClock
+from ptzd.model import HeadLimits, HeadReading
 from ptzd.sim.head import Pose
 from ptzd.sim.imager import Exposure, Noise, PtzEye, encode, fisheye_picture
 from ptzd.sim.optics import camera_at
@@ -34,133 +26,9 @@ from ptzd.sim.profile import profile
 from ptzd.sim.rig_truth import fisheye_camera, head_model
 from ptzd.sim.scene import load_scene
 
-ZOOMS = (1, 170, 420, 800, 1350, 2200, 3500, 5500, 9999)
-"""Evenly spread in the focal length of a lens whose magnification grows evenly, 1 to 32 times."""
-WIDE_DEG, TELE_SHARE = 60.0, 32.0
-"""Field of view at zoom 1 and magnification at zoom 9999 that steps are chosen for; half as much or twice will do."""
-FISHEYE = "fisheye.png"
-FRAMES = 16
-"""Of the fisheye, averaged."""
-PAUSE_S = 0.2
-PICTURE_S = 30.0
-ATTEMPTS = 3
 SIZE_PX = (640, 480)
 FISHEYE_PRINT, PAIR_PRINT = 1.5, 3.0
 """Sizes of the prints that the fisheye and both cameras are shown, in sizes of the smallest."""
-
-
-def settings(path: Path) -> Config:
-    """Settings with the password files found from where the settings are."""
-    config = load_config(path)
-    ptz, fisheye = config.ptz, config.fisheye
-    if ptz.password_file is not None:
-        ptz = msgspec.structs.replace(ptz, password_file=str(path.parent / ptz.password_file))
-    if isinstance(fisheye, HttpSource) and fisheye.password_file is not None:
-        fisheye = msgspec.structs.replace(fisheye, password_file=str(path.parent / fisheye.password_file))
-    return msgspec.structs.replace(config, ptz=ptz, fisheye=fisheye)
-
-
-def plan(
-    limits: HeadLimits, zooms: Sequence[float] = ZOOMS, centre: tuple[float, float] | None = None
-) -> list[HeadReading]:
-    """Where to look: all around at the widest zoom, as far up and down as the head goes, and a cross of six at longer.
-
-    What lies high and low tells R from the lens: without it both err together, along the arcs.
-    """
-    tilt_low, tilt_high = max(limits.tilt_deg[0], -65.0), min(limits.tilt_deg[1], 75.0)
-    pan_low, pan_high = max(limits.pan_deg[0], -84.0), min(limits.pan_deg[1], 84.0)
-    tilts = np.linspace(tilt_low, tilt_high, max(2, math.ceil((tilt_high - tilt_low) / 22.0) + 1))
-    readings = [
-        HeadReading(pan_deg=float(pan), tilt_deg=float(tilt), zoom=1.0)
-        for pan in np.linspace(pan_low, pan_high, 7)
-        for tilt in tilts
-    ]
-    middle = centre or (10.0, float(np.clip(-8.0, tilt_low, tilt_high)))
-    for zoom in (zoom for zoom in zooms if 1 < zoom <= limits.zoom[1]):
-        width = WIDE_DEG / (1.0 + (zoom - 1.0) / 9998.0 * (TELE_SHARE - 1.0))
-        for across, up in ((0, 0), (0.35, 0), (-0.35, 0), (0, 0.28), (0, -0.28), (0.3, 0.25)):
-            pan, tilt = middle[0] + across * width, float(np.clip(middle[1] + up * width, tilt_low, tilt_high))
-            readings.append(HeadReading(pan_deg=pan, tilt_deg=tilt, zoom=float(zoom)))
-    return readings
-
-
-async def capture(config_path: Path, work: Path, zooms: Sequence[float], say: Say) -> Path:
-    """Drive the camera through the plan and keep every picture with the angles it was taken at.
-
-    Returns
-    -------
-    Path
-        The list of pictures; the fisheye's picture lies beside it.
-    """
-    config, clock = settings(config_path), SteadyClock()
-    await asyncio.to_thread(work.mkdir, parents=True, exist_ok=True)
-    async with open_fisheye(config.fisheye, clock) as source:
-        frames = await _frames(source)
-    await asyncio.to_thread(_write_mean, work / FISHEYE, frames)
-    shots = []
-    async with VapixHead(config.ptz, config.limits, clock) as head:
-        readings = plan(await head.describe(), zooms)
-        for number, wanted in enumerate(readings, 1):
-            picture, view = await _shot(head, wanted, clock)
-            name = f"ptz_{number:03}.jpg"
-            (work / name).write_bytes(picture.jpeg)
-            shots.append(
-                Shot(
-                    image=name,
-                    pan_deg=view.reading.pan_deg,
-                    tilt_deg=view.reading.tilt_deg,
-                    zoom=float(round(view.reading.zoom)),
-                    fisheye=FISHEYE,
-                )
-            )
-            say(
-                f"[{number}/{len(readings)}] pan {view.reading.pan_deg:.2f}°, tilt {view.reading.tilt_deg:.2f}°, "
-                f"zoom {view.reading.zoom:g}"
-            )
-    return write_shots(work / "shots.json", shots)
-
-
-async def _frames(source: FrameSource) -> list[Picture]:
-    """Some pictures in a row of a source that may need a moment to get going."""
-    lost: DeviceLost | None = None
-    try:
-        async with asyncio.timeout(PICTURE_S):
-            while True:
-                stream = source.pictures()
-                try:
-                    return [await anext(stream) for _ in range(FRAMES)]
-                except DeviceLost as error:
-                    lost = error
-                    await asyncio.sleep(PAUSE_S)
-    except TimeoutError:
-        raise DeviceLost(
-            f"fisheye: no {FRAMES} pictures in a row within {PICTURE_S:g} s ({lost}); check cable or address"
-        ) from None
-
-
-def _write_mean(path: Path, frames: Sequence[Picture]) -> None:
-    """Write the grey mean of pictures, without loss: their noise would be the features'."""
-    total = sum(decode_grey(frame.jpeg).astype(np.float64) for frame in frames)
-    cv2.imwrite(str(path), np.rint(total / len(frames)).astype(np.uint8))
-
-
-async def _shot(head: VapixHead, wanted: HeadReading, clock: SteadyClock) -> tuple[Picture, ViewRef]:
-    """Move, rest, take a picture; a camera that goes away is given time to come back."""
-    for attempt in range(ATTEMPTS):
-        try:
-            await head.move(wanted)
-            return await head.grab(clock.now_ns())
-        except (DeviceLost, MoveStalled) as error:
-            if attempt + 1 == ATTEMPTS:
-                raise DeviceLost(f"ptz: {error}; pictures so far are kept, start again when it answers") from None
-            await head.describe()
-    raise DeviceLost("ptz: no attempt was made")
-
-
-def write_shots(path: Path, shots: Sequence[Shot]) -> Path:
-    """Write a list of PTZ pictures."""
-    path.write_bytes(msgspec.json.format(msgspec.json.encode(shots), indent=1))
-    return path
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -298,13 +166,14 @@ class Studio:
             tilt_deg=(self._profile.tilt.low, self._profile.tilt.high),
             zoom=(1.0, self._profile.zoom.high),
         )
-        self._write("scene/fisheye.jpg", self._empty)
+        fisheye = mean_grey([self._exposed(self._empty) for _ in range(FRAMES)])
+        cv2.imwrite(str(self._path(f"scene/{FISHEYE}")), fisheye)
         shots = []
         for number, wanted in enumerate(plan(limits, zooms)):
             pan_deg, tilt_deg = self._profile.quantise(wanted.pan_deg), self._profile.quantise(wanted.tilt_deg)
             reading = HeadReading(pan_deg=pan_deg, tilt_deg=tilt_deg, zoom=wanted.zoom)
             shot = self._ptz(f"scene/ptz_{number:03}.jpg", None, reading)
-            shots.append(msgspec.structs.replace(shot, fisheye="scene/fisheye.jpg"))
+            shots.append(msgspec.structs.replace(shot, fisheye=f"scene/{FISHEYE}"))
         return write_shots(self._work / "scene.json", shots)
 
     def pointing_errors_deg(self, rig: Rig, step_px: int = 40) -> Array:
@@ -344,9 +213,15 @@ class Studio:
         return Shot(image=image, pan_deg=reading.pan_deg, tilt_deg=reading.tilt_deg, zoom=reading.zoom)
 
     def _write(self, name: str, grey: NDArray[np.uint8]) -> str:
+        self._path(name).write_bytes(self._exposed(grey))
+        return name
+
+    def _exposed(self, grey: NDArray[np.uint8]) -> bytes:
+        """What a camera with noise makes of it."""
+        height, width = grey.shape
+        return encode(self._noise[width, height].on(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR).astype(np.uint8)), 92)
+
+    def _path(self, name: str) -> Path:
         path = self._work / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        height, width = grey.shape
-        noisy = self._noise[width, height].on(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR).astype(np.uint8))
-        path.write_bytes(encode(noisy, 92))
-        return name
+        return path
