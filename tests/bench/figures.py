@@ -28,6 +28,7 @@ from ptzd.matching.inputs import MatchInputs
 from ptzd.matching.job import decode_grey, match
 from ptzd.model import Matcher
 from ptzd.sim.scene import load_scene
+from tests.bench import seconds
 
 README = Path("README.md")
 BEGIN, END = "<!-- figures -->", "<!-- /figures -->"
@@ -108,6 +109,13 @@ def match_figures(log: Path) -> dict[str, float]:
     return found
 
 
+def step_figures(log: Path) -> dict[str, float]:
+    """Where the seconds to a lock go."""
+    spent = seconds.medians_s([log])
+    moves, pictures, matches = (spent[step] for step in seconds.STEPS.values())
+    return {"moves_s": moves, "pictures_s": pictures, "matches_s": matches, "ideal_s": spent["the head alone"]}
+
+
 def inputs(job: cmd.RunMatch, reader: LogReader, rig: object) -> MatchInputs:
     return MatchInputs(
         fisheye_grey=decode_grey(reader.picture("/fisheye/image", job.frame)),
@@ -128,6 +136,9 @@ def table(figures: dict[str, object]) -> str:
          "{sweep_ms_median:.0f} / {harris_ms_median:.0f} ms"),
         ("decoding one 640×480 picture", "{decode_ms:.1f} ms"),
         ("request → lock on the simulated rig, median of {requests}", "{seconds_to_lock_median:.1f} s"),
+        ("of that, where one view is enough: moves until rest is proven / pictures at rest / matches",
+         "{moves_s:.2f} / {pictures_s:.2f} / {matches_s:.2f} s"),
+        ("the head alone, told where to go at once and one picture taken", "{ideal_s:.2f} s"),
         ("locked", "{locked} of {requests}"),
         ("pointing error against the truth, median / worst", "{error_deg_median:.3f}° / {error_deg_worst:.3f}°"),
         ("CPU share of one core, idle / scanning all the time (fisheye 640×480 at 10 fps, PTZ 640×480 at 15 fps, "
@@ -147,7 +158,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder)
         figures: dict[str, object] = dict(asyncio.run(rig_figures("room", out)))
-        figures |= match_figures(max((out / "log").glob("*.mcap")))
+        log = max((out / "log").glob("*.mcap"))
+        figures |= match_figures(log) | step_figures(log)
     print(json.dumps(figures, indent=2))
     if arguments.write:
         Path("docs").mkdir(exist_ok=True)
