@@ -72,7 +72,7 @@ def _tiles(story: Story, rig: Rig, reader: LogReader) -> list[Pixels]:
 
 def _about(what: str, look: Look) -> str:
     pose, answer = look.job.view.reading, look.answer
-    text = f"{what}: pan {pose.pan_deg:.1f}, tilt {pose.tilt_deg:.1f}, zoom {pose.zoom:.0f}"
+    text = f"{what}: camera at pan {pose.pan_deg:.1f}, tilt {pose.tilt_deg:.1f}, zoom {pose.zoom:.0f}"
     if isinstance(answer, ev.MatchFinished) and answer.result.candidates:
         return f"{text}, score {answer.result.candidates[0].score:.2f}"
     return text
@@ -83,7 +83,7 @@ def _caption(story: Story) -> str:
     parts = [f"{story.id}{label}: {story.outcome}"]
     result = story.result
     if result is not None and result.pan_deg is not None and result.tilt_deg is not None:
-        parts.append(f"pan {result.pan_deg:.2f} tilt {result.tilt_deg:.2f} deg")
+        parts.append(f"pan {result.pan_deg:.2f} tilt {result.tilt_deg:.2f} deg in the head's frame")
     if result is not None and result.range_m is not None:
         parts.append(f"range {result.range_m:.2f} m")
     if result is not None and result.probability is not None:
