@@ -18,7 +18,8 @@ import numpy as np
 from ptzd.app.loopback import reserved_port
 from ptzd.app.sheet import write_sheet
 from ptzd.bus.client import Client
-from ptzd.bus.messages import Feedback, RoiResult
+from ptzd.bus.messages import RoiResult
+from ptzd.control.wording import in_words
 from ptzd.errors import PtzdError, SimulationError
 from ptzd.geometry.sphere import angle_between, bearing
 from ptzd.sim.scene import load_scene
@@ -107,7 +108,7 @@ async def shoot(
 
     async def follow() -> None:
         async for step in client.feedback(accepted.id):
-            say(f"  {name}: {_told(step)}")
+            say(f"  {name}: {step.step} {in_words(step.detail)}")
             if step.step == "locked":
                 locked_s[0] = time.monotonic() - started
 
@@ -122,10 +123,6 @@ async def shoot(
     shown = "–" if error_deg is None else f"{error_deg:.3f}° off the truth"
     say(f"{name}: {result.outcome} after {elapsed_s:.1f} s, {shown}")
     return Shot(name=name, box=box, result=result, error_deg=error_deg, elapsed_s=elapsed_s)
-
-
-def _told(step: Feedback) -> str:
-    return f"{step.step} " + ", ".join(f"{name} {value}" for name, value in step.detail.items())
 
 
 async def _error_deg(truth_url: str, box: tuple[float, float, float, float], result: RoiResult) -> float | None:

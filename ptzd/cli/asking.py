@@ -11,6 +11,7 @@ from rich.console import Console
 
 from ptzd.app.clients import Client, Feedback, RoiResult, notices
 from ptzd.control.states import State
+from ptzd.control.wording import in_words
 
 
 def _print_json(document: object) -> None:
@@ -63,8 +64,7 @@ def _show_step(step: Feedback, *, as_json: bool) -> None:
     if as_json:
         _print_json(step)
         return
-    detail = ", ".join(f"{name} {value}" for name, value in step.detail.items())
-    print(f"{step.id}: {step.step}: {detail}", flush=True)
+    print(f"{step.id}: {step.step}: {in_words(step.detail)}", flush=True)
 
 
 def describe(result: RoiResult) -> str:

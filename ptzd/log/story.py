@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
+from ptzd.control.wording import in_words
 from ptzd.log.reader import LoggedCommand, LoggedEvent
 from ptzd.model import Box, FrameRef
 
@@ -148,10 +149,8 @@ class Stories:
                 self._story(command.request_id, t_ns).looks.append(look)
                 self._looks[command.match_id] = look
             case cmd.PublishFeedback():
-                text = ", ".join(_plain(name, value) for name, value in command.detail.items() if value != "")
-                self._story(command.id, t_ns).steps.append(
-                    Step(t_ns=t_ns, sequence=sequence, what=command.step, text=text)
-                )
+                step = Step(t_ns=t_ns, sequence=sequence, what=command.step, text=in_words(command.detail))
+                self._story(command.id, t_ns).steps.append(step)
             case cmd.PublishResult():
                 story = self._story(command.id, t_ns)
                 story.result = command
@@ -171,15 +170,3 @@ def collect(decisions: Iterable[LoggedEvent | LoggedCommand]) -> list[Story]:
 
 def _box(box: Box) -> str:
     return f"{box.w:g} x {box.h:g} px at {box.x:g}, {box.y:g}"
-
-
-_UNITS = {"_deg": "°", "_m": " m", "_px": " px", "_s": " s", "_ms": " ms"}
-
-
-def _plain(name: str, value: object) -> str:
-    """A field of the feedback with its unit as a sign, e.g. ``pan -27.95°``."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return f"{name} {value}"
-    number = f"{value:.4g}" if isinstance(value, float) else str(value)
-    suffix = next((suffix for suffix in _UNITS if name.endswith(suffix)), "")
-    return f"{name.removesuffix(suffix)} {number}{_UNITS.get(suffix, '')}"
