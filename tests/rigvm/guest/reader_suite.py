@@ -36,6 +36,8 @@ def shown() -> set[bytes]:
 
 def run(checks: Checks, soak_s: float) -> None:
     make_pictures()
+    # the kernel merges small pages into one of 2 MiB when it finds the time: memory that nobody took would seem to grow
+    shell("echo never > /sys/kernel/mm/transparent_hugepage/enabled")
     shell("modprobe uvcvideo nodrop=1; modprobe vhci-hcd")
     with UvcCamera(PICTURES, f"{WIDTH}x{HEIGHT}", FPS).plugged_in() as camera:
         checks.until("udev gives the camera its stable name", Path(STABLE_NAME).exists)
