@@ -17,7 +17,6 @@ from ptzd.app.loading import load_config
 from ptzd.config import Config, HttpSource
 from ptzd.devices.vapix.head import VapixHead
 from ptzd.errors import DeviceLost
-from ptzd.matching.arrays import Grey
 from ptzd.matching.job import decode_grey
 from ptzd.model import HeadLimits, HeadReading, ViewRef
 from ptzd.ports import FrameSource, MoveStalled, Picture
@@ -82,8 +81,7 @@ async def capture(config_path: Path, work: Path, zooms: Sequence[float], say: Sa
     await asyncio.to_thread(work.mkdir, parents=True, exist_ok=True)
     async with open_fisheye(config.fisheye, clock) as source:
         frames = await pictures_in_a_row(source)
-    fisheye = await asyncio.to_thread(mean_grey, [frame.jpeg for frame in frames])
-    await asyncio.to_thread(cv2.imwrite, str(work / FISHEYE), fisheye)
+    await asyncio.to_thread(write_mean, work / FISHEYE, [frame.jpeg for frame in frames])
     shots = []
     async with VapixHead(config.ptz, config.limits, clock) as head:
         readings = plan(await head.describe(), zooms)
@@ -131,10 +129,19 @@ async def pictures_in_a_row(source: FrameSource) -> list[Picture]:
         ) from None
 
 
-def mean_grey(jpegs: Sequence[bytes]) -> Grey:
-    """Return the mean (h, w) of pictures of a scene at rest: the noise of one would be the features'."""
+def write_mean(path: Path, jpegs: Sequence[bytes]) -> None:
+    """Write the grey mean of pictures of a scene at rest, without loss: the noise of one would be the features'.
+
+    Raises
+    ------
+    DeviceGarbled
+        A picture cannot be decoded.
+    OSError
+        The file cannot be written.
+    """
     total = sum(decode_grey(jpeg).astype(np.float64) for jpeg in jpegs)
-    return np.asarray(np.rint(total / len(jpegs)), np.uint8)
+    mean = np.rint(total / len(jpegs)).astype(np.uint8)
+    path.write_bytes(cv2.imencode(".png", mean)[1].tobytes())
 
 
 async def _shot(head: VapixHead, wanted: HeadReading, clock: SteadyClock) -> tuple[Picture, ViewRef]:

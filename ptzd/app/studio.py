@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ptzd.app.calibrate_capture import FISHEYE, FRAMES, ZOOMS, mean_grey, plan, write_shots
+from ptzd.app.calibrate_capture import FISHEYE, FRAMES, ZOOMS, plan, write_mean, write_shots
 from ptzd.app.calibrating import Shot
 from ptzd.calibration.target import Target
 from ptzd.geometry.rig import Rig
@@ -166,8 +166,7 @@ class Studio:
             tilt_deg=(self._profile.tilt.low, self._profile.tilt.high),
             zoom=(1.0, self._profile.zoom.high),
         )
-        fisheye = mean_grey([self._exposed(self._empty) for _ in range(FRAMES)])
-        cv2.imwrite(str(self._path(f"scene/{FISHEYE}")), fisheye)
+        write_mean(self._path(f"scene/{FISHEYE}"), [self._exposed(self._empty) for _ in range(FRAMES)])
         shots = []
         for number, wanted in enumerate(plan(limits, zooms)):
             pan_deg, tilt_deg = self._profile.quantise(wanted.pan_deg), self._profile.quantise(wanted.tilt_deg)

@@ -136,7 +136,7 @@ def table(figures: dict[str, object]) -> str:
          "{sweep_ms_median:.0f} / {harris_ms_median:.0f} ms"),
         ("decoding one 640×480 picture", "{decode_ms:.1f} ms"),
         ("request → lock on the simulated rig, median of {requests}", "{seconds_to_lock_median:.1f} s"),
-        ("of that, where one view is enough: moves until rest is proven / pictures at rest / matches",
+        ("of that, for one view and one look that confirms: moves until rest is proven / pictures at rest / matches",
          "{moves_s:.2f} / {pictures_s:.2f} / {matches_s:.2f} s"),
         ("the head alone, told where to go at once and one picture taken", "{ideal_s:.2f} s"),
         ("locked", "{locked} of {requests}"),

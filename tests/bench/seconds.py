@@ -52,18 +52,17 @@ def slew_s(spec: AxisSpec, start: float, end: float) -> float:
 class Spent:
     """One request on its way to the lock."""
 
-    id: str
     start_ns: int
     start: HeadReading
     begun_ns: dict[type, int] = field(default_factory=dict)
     steps_s: Counter[str] = field(default_factory=Counter)
-    views: int = 0
+    matches: int = 0
     total_s: float = 0.0
     ideal_s: float = 0.0
 
     def command(self, command: cmd.Command, t_ns: int) -> None:
         self.begun_ns[type(command)] = t_ns
-        self.views += isinstance(command, cmd.RunMatch)
+        self.matches += isinstance(command, cmd.RunMatch)
 
     def event(self, event: ev.Event) -> None:
         begin = ENDS.get(type(event))
@@ -91,7 +90,7 @@ def locked(log: Path) -> Iterator[Spent]:
                 continue
             event = told.event
             if isinstance(event, ev.RequestReceived):
-                request = Spent(id=event.id or "", start_ns=event.t_ns, start=reading)
+                request = Spent(start_ns=event.t_ns, start=reading)
             elif request is not None:
                 request.event(event)
             if isinstance(event, ev.HeadPolled | ev.HeadArrived):
@@ -99,9 +98,8 @@ def locked(log: Path) -> Iterator[Spent]:
 
 
 def medians_s(logs: Sequence[Path]) -> dict[str, float]:
-    """Medians over the requests of one view: per step, in total, of the head alone, and their ratio."""
-    # the last match of a request is the one that confirms the lock
-    found = [request for log in logs for request in locked(log) if request.views == 2]
+    """Medians over the requests of one view and one look that confirms."""
+    found = [request for log in logs for request in locked(log) if request.matches == 2]
     told = {step: statistics.median(request.steps_s[step] for request in found) for step in STEPS.values()}
     told["request to lock"] = statistics.median(request.total_s for request in found)
     told["the head alone"] = statistics.median(request.ideal_s for request in found)
@@ -110,7 +108,7 @@ def medians_s(logs: Sequence[Path]) -> dict[str, float]:
 
 
 def main(logs: list[Path]) -> None:
-    print("| requests of one view, median | s |\n|---|---|")
+    print("| requests of one view and one look that confirms, median | s |\n|---|---|")
     for what, seconds in medians_s(logs).items():
         print(f"| {what} | {seconds:.2f} |")
 

@@ -18,9 +18,6 @@ from ptzd.model import FrameRef, Outcome
 PATIENCE_S = 100.0
 """For anything that must happen; a loaded machine is slow, a hang is a failure."""
 
-SETTLED_ANSWERS = 5
-"""In a row, until a rig counts as alive: Zenoh's liveliness may flap while a session is being joined."""
-
 
 class SteadyClock:
     """Epoch at start plus monotonic since."""
@@ -123,14 +120,10 @@ async def client(endpoint: str, bus: ZenohBus) -> AsyncIterator[Client]:
 @pytest.fixture
 def until_alive():
     async def wait(client: Client, rig: str) -> None:
-        """Ask until the rig's liveliness token has come round for good; every question is a round trip.
-
-        While sessions are still linking up, Zenoh may tell of a token once and not the next time.
-        """
-        in_a_row = 0
+        """Ask until the rig's liveliness token has come round; every question is a round trip."""
         async with asyncio.timeout(PATIENCE_S):
-            while in_a_row < SETTLED_ANSWERS:
-                in_a_row = in_a_row + 1 if rig in await client.rigs() else 0
+            while rig not in await client.rigs():
+                pass
 
     return wait
 

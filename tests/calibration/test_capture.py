@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ptzd.app import calibrate_capture
-from ptzd.app.calibrate_capture import FRAMES, mean_grey, pictures_in_a_row
+from ptzd.app.calibrate_capture import FRAMES, pictures_in_a_row, write_mean
 from ptzd.errors import DeviceLost
 from ptzd.model import FrameRef
 from ptzd.ports import Picture
@@ -31,9 +31,10 @@ class Source:
             yield Picture(frame=FrameRef(seq=seq, t_capture_ns=seq), t_arrival_ns=seq, jpeg=jpeg)
 
 
-async def test_the_mean_of_pictures_in_a_row_has_less_noise():
+async def test_the_mean_of_pictures_in_a_row_has_less_noise(tmp_path):
     frames = await pictures_in_a_row(Source(openings_lost=1))
-    mean = mean_grey([frame.jpeg for frame in frames])
+    write_mean(tmp_path / "fisheye.png", [frame.jpeg for frame in frames])
+    mean = cv2.imread(str(tmp_path / "fisheye.png"), cv2.IMREAD_GRAYSCALE)
     assert len(frames) == FRAMES
     assert np.std(mean - GREY) < 1.5 * 8 / np.sqrt(FRAMES)
 
@@ -42,3 +43,9 @@ async def test_a_source_that_never_lasts_is_named(monkeypatch):
     monkeypatch.setattr(calibrate_capture, "PICTURE_S", 0.2)
     with pytest.raises(DeviceLost, match=r"no 16 pictures in a row within 0\.2 s \(unplugged\)"):
         await pictures_in_a_row(Source(openings_lost=10**9))
+
+
+def test_a_mean_that_cannot_be_written_is_an_error(tmp_path):
+    jpeg = cv2.imencode(".jpg", GREY.astype(np.uint8))[1].tobytes()
+    with pytest.raises(FileNotFoundError):
+        write_mean(tmp_path / "gone" / "fisheye.png", [jpeg])
