@@ -13,7 +13,7 @@ import msgspec
 from msgspec import Meta, Struct, field
 
 from ptzd.errors import ConfigError
-from ptzd.model import Matcher
+from ptzd.model import MATCH_BUDGET_S, Matcher
 
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
@@ -133,6 +133,8 @@ class Search(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     frame_max_age_s: Positive = 3.0
     """A request on an older fisheye frame is refused as stale."""
     seed: int = 1
+    match_budget_s: Annotated[float, Meta(ge=0.1, le=20)] = MATCH_BUDGET_S
+    """Most time of one match, counted in work and not by the clock; a match that needs more fails and says so."""
 
 
 class Lock(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):

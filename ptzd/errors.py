@@ -6,6 +6,7 @@
     ├── ConfigError          a setting is missing, unknown or out of range          (exit 78)
     ├── CalibrationError     a calibration cannot be read or contradicts itself     (exit 78)
     ├── GeometryError        a computation has no answer for these values           (exit 65)
+    ├── MatchError           a match could not be done on these pictures            (exit 65)
     ├── RequestRefused       a request from outside is not acceptable               (exit 65)
     ├── BusError             the Zenoh session cannot be opened or nobody answers   (exit 69)
     ├── LogError             a log cannot be read or written                        (exit 65)
@@ -47,6 +48,12 @@ class CalibrationError(PtzdError):
 
 class GeometryError(PtzdError):
     """A computation has no answer for these values."""
+
+    exit_code = 65
+
+
+class MatchError(PtzdError):
+    """A match could not be done on these pictures; the daemon goes on."""
 
     exit_code = 65
 

@@ -8,6 +8,8 @@ from enum import StrEnum
 
 MIN_BOX_SIDE_PX = 8.0
 """Smallest side of a box in px: requests below it are refused, since so few pixels carry too little texture."""
+MATCH_BUDGET_S = 5.0
+"""Most work of one match where the settings say nothing; a common match takes a hundredth of it."""
 
 
 class Motion(StrEnum):

@@ -177,5 +177,5 @@ class Perception(Protocol):
     """Runs matchers off the loop."""
 
     async def match(self, job: RunMatch, fisheye_jpeg: bytes, view_jpeg: bytes) -> MatchResult:
-        """Run one match. Raises :class:`ptzd.errors.PtzdError` when a picture does not decode."""
+        """Run one match. Raises :class:`ptzd.errors.PtzdError` when it fails, whatever it stumbled over."""
         ...

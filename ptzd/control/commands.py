@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ptzd.model import Box, FrameRef, HeadReading, Matcher, Outcome, ViewRef
+from ptzd.model import MATCH_BUDGET_S, Box, FrameRef, HeadReading, Matcher, Outcome, ViewRef
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,6 +48,8 @@ class RunMatch(Command):
     """Half width searched across the arc."""
     matcher: Matcher
     seed: int
+    budget_s: float = MATCH_BUDGET_S
+    """Most work, as the settings had it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

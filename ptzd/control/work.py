@@ -94,6 +94,7 @@ class Work:
                 band_rad=band_rad,
                 matcher=search.matcher,
                 seed=search.seed,
+                budget_s=search.match_budget_s,
             )
         )
 

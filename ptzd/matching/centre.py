@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ptzd.matching.arrays import Floats, Index
-from ptzd.matching.place import Place
+from ptzd.matching.place import Place, in_blocks
 from ptzd.matching.refine import Bounds, Refined, photometric, refine
 
 if TYPE_CHECKING:
@@ -159,11 +159,15 @@ class Look:
 
         ``owner`` says whose gains apply to each place; without it the places are the k candidates several times.
         """
+        if owner is None:
+            owner = np.arange(len(place.offset)) % self.gains.shape[1]
+        whose = owner
+        return in_blocks(lambda part: self._evidence(place.take(part), whose[part]), len(whose), len(self.window.rays))
+
+    def _evidence(self, place: Place, owner: Index) -> Floats:
         samples = self.view.sample(place.warps(self.arc), self.window.rays)
         weight = samples.inside * self.window.weight
         total = weight.sum(axis=1)
-        if owner is None:
-            owner = np.arange(len(total)) % self.gains.shape[1]
         low, high = self.gains[:, owner]
         width = 2.0 * (self.noise**2 + (MODEL_ERROR * float(self.window.grey.std())) ** 2)
         _, residual = photometric(weight, samples.grey, self.window.grey, (low, high))

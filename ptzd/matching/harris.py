@@ -21,9 +21,10 @@ from ptzd.geometry.sphere import normalise, pan_tilt
 from ptzd.matching.arrays import Floats, Index, Mask
 from ptzd.matching.corners import harris_corners
 from ptzd.matching.hypotheses import turns
+from ptzd.matching.lookup import look_up
 from ptzd.matching.noise import noise_sigma, texture_ratio
 from ptzd.matching.patch import MARGIN_PX, Patch, cut_patch, step_for
-from ptzd.matching.place import Place, box_in_view, make_grid, peaks, separate
+from ptzd.matching.place import Place, box_in_view, in_blocks, make_grid, peaks, separate
 from ptzd.matching.rays import RayField
 from ptzd.matching.view import WorkingView, prepare_view, view_pixel_angle
 from ptzd.model import Candidate
@@ -70,8 +71,12 @@ class Pairing:
 
     def soft_count(self, place: Place, arc: EpipolarArc) -> Array:
         """Sum over the region's corners of their nearness to a corner of the view, (k,)."""
-        samples = self.nearness.sample(place.warps(arc), self.rays)
-        return np.asarray((samples.grey * samples.inside).sum(axis=1), dtype=np.float64)
+
+        def count(part: slice) -> Floats:
+            samples = self.nearness.sample(place.take(part).warps(arc), self.rays)
+            return np.asarray((samples.grey * samples.inside).sum(axis=1), dtype=np.float64)
+
+        return np.asarray(in_blocks(count, len(place.offset), len(self.rays)), dtype=np.float64)
 
 
 def harris(inputs: MatchInputs) -> tuple[float, tuple[Candidate, ...], tuple[float, float]]:
@@ -94,8 +99,8 @@ def harris(inputs: MatchInputs) -> tuple[float, tuple[Candidate, ...], tuple[flo
     texture = texture_ratio(patch.grey.reshape(patch.shape), noise_sigma(inputs.fisheye_grey) / patch.step_px)
     camera_from_head = rig.head_from_camera(inputs.reading).T
     view = prepare_view(inputs.view_grey, camera, camera_from_head, patch.angle_rad, oversampling=1.0)
-    grid = make_grid(inputs, arc, patch, view, STEP_SHARE * patch.angle_rad)
     pairing = _pair(patch, view)
+    grid = make_grid(inputs, arc, patch, view, STEP_SHARE * patch.angle_rad, len(pairing.rays))
     if len(grid.cell) == 0 or len(pairing.rays) < LEAST_CORNERS or len(pairing.corners) == 0:
         return texture, (), grid.coverage
     counts = pairing.soft_count(grid.place, arc)
@@ -116,9 +121,7 @@ def _pair(patch: Patch, view: WorkingView) -> Pairing:
     seen = patch.weight[np.ravel_multi_index((places + 0.5).astype(int).T[::-1], patch.shape)] > 0
     places = places[seen]
     table = patch.rays.reshape(*patch.shape, 3)
-    rays = (
-        cv2.remap(table, places[:, :1], places[:, 1:], cv2.INTER_LINEAR)[:, 0] if len(places) else places.reshape(0, 3)
-    )
+    rays = look_up(table, places[:, :1], places[:, 1:])[:, 0]
     corners = harris_corners(view.image, MOST_VIEW_CORNERS, scale)
     empty = np.full(view.image.shape, 255, np.uint8)
     rounded = np.round(corners).astype(int)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from ptzd.errors import GeometryError
 from ptzd.matching.arrays import Grey
+from ptzd.model import MATCH_BUDGET_S
 
 if TYPE_CHECKING:
     from ptzd.geometry.rig import Rig
@@ -33,6 +34,8 @@ class MatchInputs:
     """Half width to search across the arc, rad: 3 sigma of the predicted direction."""
     seed: int
     """Of the random choices (``harris`` only)."""
+    budget_s: float = MATCH_BUDGET_S
+    """Most work, see :mod:`ptzd.matching.budget`."""
 
     def __post_init__(self) -> None:
         low, high = self.inverse_range

@@ -51,6 +51,8 @@ def match(inputs: MatchInputs, matcher: Matcher) -> MatchResult:
     ------
     GeometryError
         When the reading's zoom is outside the calibration.
+    MatchError
+        When the search is more work than its budget.
     """
     start = time.perf_counter_ns()
     texture, candidates, coverage = MATCHERS[matcher](inputs)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ptzd.matching.arrays import Floats, Index, Mask
+from ptzd.matching.budget import refuse_beyond_budget
 from ptzd.matching.hypotheses import bearings, sample_inverse_ranges, sample_offsets, warps
 
 if TYPE_CHECKING:
@@ -37,7 +39,7 @@ class Place:
         """Return the head-frame directions (k, 3) of the box's centre."""
         return bearings(arc, self.planes, self.offset)
 
-    def take(self, index: Index) -> Place:
+    def take(self, index: Index | slice) -> Place:
         """Return some of the candidates."""
         return Place(planes=self.planes[index], offset=self.offset[index], roll=self.roll[index])
 
@@ -48,6 +50,27 @@ class Place:
             offset=np.concatenate([self.offset, other.offset]),
             roll=np.concatenate([self.roll, other.roll]),
         )
+
+
+BLOCK_SAMPLES = 1 << 21
+"""Looked up at a time: a table of them takes 8 MB, and a common match is a single block."""
+
+
+def in_blocks(evaluate: Callable[[slice], Floats], count: int, samples: int) -> Floats:
+    """Evaluate many hypotheses a block at a time, so that the memory does not grow with their number.
+
+    Parameters
+    ----------
+    evaluate : callable
+        Values of the hypotheses in a slice, one row (or number) each.
+    count : int
+        Number of hypotheses.
+    samples : int
+        Places of the picture that each of them looks up.
+    """
+    each = max(BLOCK_SAMPLES // max(samples, 1), 1)
+    blocks = [evaluate(slice(start, start + each)) for start in range(0, max(count, 1), each)]
+    return blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,13 +87,35 @@ class Grid:
     """Interval of inverse range in view; (0, 0) when none."""
 
 
-def make_grid(inputs: MatchInputs, arc: EpipolarArc, patch: Patch, view: WorkingView, step_rad: float) -> Grid:
-    """Lay hypotheses so densely that neighbours differ by less than a step at the centre and the corners."""
+def make_grid(
+    inputs: MatchInputs, arc: EpipolarArc, patch: Patch, view: WorkingView, step_rad: float, samples: int
+) -> Grid:
+    """Lay hypotheses so densely that neighbours differ by less than a step at the centre and the corners.
+
+    Parameters
+    ----------
+    inputs : MatchInputs
+        Interval, band and budget.
+    arc : EpipolarArc
+        Of the box's centre.
+    patch, view
+        The region, and the picture that the hypotheses must lie in.
+    step_rad : float
+        Greatest angle between neighbours.
+    samples : int
+        Places of the view that each hypothesis will look up.
+
+    Raises
+    ------
+    MatchError
+        When that is more work than the budget allows.
+    """
     rows, columns = patch.shape
     corners = patch.rays.reshape(rows, columns, 3)[[0, 0, -1, -1], [0, -1, 0, -1]].astype(np.float64)
     probes = np.vstack([arc.rotated, corners])
     ranges = sample_inverse_ranges(probes, arc.translation, inputs.inverse_range, step_rad)
     offsets = sample_offsets(inputs.band_rad, step_rad)
+    refuse_beyond_budget(len(ranges) * len(offsets), samples, inputs.budget_s)
     inverse_range, offset = (part.ravel() for part in np.meshgrid(ranges, offsets, indexing="ij"))
     place = Place(planes=inverse_range[:, None] * arc.rotated, offset=offset, roll=np.zeros_like(offset))
     cell = np.flatnonzero(_centre_in_view(view, place.bearings(arc)))
@@ -113,13 +158,13 @@ def separate(place: Place, scores: Floats, arc: EpipolarArc, distance_rad: float
     On a degenerate arc (the box's centre at the epipole) every range has the same direction: there it is one place.
     """
     directions = place.bearings(arc)
-    near = directions @ directions.T >= 1.0 - 0.5 * distance_rad * distance_rad
     taken = np.zeros(len(directions), bool)
     chosen: list[int] = []
     for index in np.argsort(-scores, kind="stable"):
         if not taken[index]:
             chosen.append(int(index))
-            taken |= near[index]
+            # One row at a time: a picture without corners has thousands of equal maxima, too many for all pairs.
+            taken |= directions @ directions[index] >= 1.0 - 0.5 * distance_rad * distance_rad
         if len(chosen) == most:
             break
     return np.array(chosen, dtype=np.intp)

@@ -14,7 +14,7 @@ from ptzd.matching.centre import WINDOWS, central_window, settle_on_centre
 from ptzd.matching.hypotheses import sample_inverse_ranges, speed
 from ptzd.matching.noise import noise_sigma, texture_ratio
 from ptzd.matching.patch import MARGIN_PX, SMOOTHING, Patch, cut_patch, step_for
-from ptzd.matching.place import Place, box_in_view, make_grid, peaks, separate
+from ptzd.matching.place import Place, box_in_view, in_blocks, make_grid, peaks, separate
 from ptzd.matching.rays import RayField
 from ptzd.matching.refine import Bounds, Refined, refine
 from ptzd.matching.score import Scores, Template, make_template, score
@@ -63,7 +63,13 @@ class Level:
 
     def score(self, place: Place, arc: EpipolarArc) -> Scores:
         """Compare the patch with the view at k places."""
-        return score(self.template, self.view.sample(place.warps(arc), self.patch.rays))
+        count, rays = len(place.offset), self.patch.rays
+        table = in_blocks(lambda part: self._table(place.take(part), arc), count, len(rays))
+        return Scores(total=table[:, 0], in_view=table[:, 1])
+
+    def _table(self, place: Place, arc: EpipolarArc) -> Floats:
+        scores = score(self.template, self.view.sample(place.warps(arc), self.patch.rays))
+        return np.stack([scores.total, scores.in_view], axis=1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,7 +124,7 @@ def sweep(inputs: MatchInputs) -> tuple[float, tuple[Candidate, ...], tuple[floa
     if patch.weight.sum() == 0.0:
         return 0.0, (), (0.0, 0.0)
     texture = texture_ratio(patch.grey.reshape(patch.shape), scene.noise[0] / patch.step_px)
-    grid = make_grid(inputs, arc, patch, coarse.view, STEP_SHARE * patch.angle_rad)
+    grid = make_grid(inputs, arc, patch, coarse.view, STEP_SHARE * patch.angle_rad, len(patch.rays))
     if len(grid.cell) == 0:
         return texture, (), grid.coverage
     found = coarse.score(grid.place, arc)

@@ -11,6 +11,7 @@ import numpy as np
 
 from ptzd.geometry.types import pixel_angle_rad
 from ptzd.matching.arrays import Floats, Grey, Mask
+from ptzd.matching.lookup import look_up
 from ptzd.matching.patch import SMOOTHING
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ class WorkingView:
         inside = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
         if not inside.all():
             x, y, inverse = (np.where(inside, part, np.float32(0.0)) for part in (x, y, inverse))
-        grey = cv2.remap(self.image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        grey = look_up(self.image, x, y)
         if self.gaps:
             unknown = np.isnan(grey)
             inside &= ~unknown
@@ -84,10 +85,7 @@ class WorkingView:
                 cv2.sepFilter2D(known, cv2.CV_32F, kernel_x, kernel_y)
                 for kernel_x, kernel_y in ((_SLOPE, _MEAN), (_MEAN, _SLOPE))
             )
-        slope_x, slope_y = (
-            cv2.remap(slope, samples.x, samples.y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            for slope in self._slopes
-        )
+        slope_x, slope_y = (look_up(slope, samples.x, samples.y) for slope in self._slopes)
         return slope_x, slope_y
 
 
@@ -182,6 +180,6 @@ def _straighten(
     cells = (pixels + 0.5) / factor - 0.5 - corner
     known &= (cells >= -0.25).all(axis=-1) & (cells <= np.array([width, height]) - 0.75).all(axis=-1)
     maps = cells.astype(np.float32)
-    straight = cv2.remap(image, maps[..., 0], maps[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    straight = look_up(image, maps[..., 0], maps[..., 1])
     straight[~known] = np.nan
     return straight, (-float(low[0]), -float(low[1]))

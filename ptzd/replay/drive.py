@@ -204,8 +204,12 @@ class Player:
             return event
         finally:
             self._replay.reading_s += time.perf_counter() - before
-        result = self._matcher(job, fisheye, view)
         self._replay.matches += 1
+        try:
+            result = self._matcher(job, fisheye, view)
+        except PtzdError as error:
+            self._differ(step, job.request_id, "MatchFinished.result", "computed", str(error))
+            return ev.MatchFailed(t_ns=event.t_ns, match_id=event.match_id, reason=str(error))
         for found in differences("MatchFinished.result", event.result, result, self._tolerance)[:1]:
             self._differ(step, job.request_id, *found)
         return dataclasses.replace(event, result=dataclasses.replace(result, elapsed_ms=event.result.elapsed_ms))

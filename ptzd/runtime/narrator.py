@@ -29,6 +29,8 @@ class Narrator:
                 _log.info("%s is well", event.device, extra={"device": event.device})
             case ev.RequestReceived() if any(isinstance(command, cmd.PinFrame) for command in commands):
                 _log.info("request %s accepted", event.id, extra={"request": event.id})
+            case ev.MatchFailed():
+                _log.warning("match %d failed: %s", event.match_id, event.reason)
             case ev.ForeignMotion():
                 _log.warning("somebody else moves the camera", extra={"device": ev.Device.PTZ})
             case _:

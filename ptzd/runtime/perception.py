@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import traceback
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from types import TracebackType
 from typing import Self
 
@@ -11,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ptzd.control.commands import RunMatch
+from ptzd.errors import MatchError, PtzdError
 from ptzd.geometry.rig import Rig
 from ptzd.matching.job import MatchInputs, decode_grey, match
 from ptzd.model import MatchResult
@@ -44,7 +47,20 @@ class ThreadPerception:
         return await loop.run_in_executor(self._executor, self.match_now, job, fisheye_jpeg, view_jpeg)
 
     def match_now(self, job: RunMatch, fisheye_jpeg: bytes, view_jpeg: bytes) -> MatchResult:
-        """Do the same in the calling thread: what replay and ``ptzd locate`` use."""
+        """Do the same in the calling thread: what replay uses.
+
+        Whatever a decoder or a matcher stumbles over, in pictures and boxes that come from outside, is the failure of
+        this match alone; a defect anywhere else still ends the daemon.
+        """
+        try:
+            return self._matched(job, fisheye_jpeg, view_jpeg)
+        except PtzdError:
+            raise
+        except Exception as error:
+            # The boundary around arithmetic on other people's pictures; it tells where in the program it was.
+            raise MatchError(_told(job, error)) from error
+
+    def _matched(self, job: RunMatch, fisheye_jpeg: bytes, view_jpeg: bytes) -> MatchResult:
         return match(
             MatchInputs(
                 fisheye_grey=self._fisheye(fisheye_jpeg),
@@ -55,6 +71,7 @@ class ThreadPerception:
                 inverse_range=job.inverse_range,
                 band_rad=job.band_rad,
                 seed=job.seed,
+                budget_s=job.budget_s,
             ),
             job.matcher,
         )
@@ -64,3 +81,12 @@ class ThreadPerception:
         if self._decoded is None or self._decoded[0] != jpeg:
             self._decoded = (jpeg, decode_grey(jpeg))
         return self._decoded[1]
+
+
+def _told(job: RunMatch, error: Exception) -> str:
+    """One line: what failed, on what, and where in the program, so that it can be mended."""
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    what = " ".join(str(error).split()) or "no words"
+    where = f"{Path(place.filename).name}:{place.lineno}"
+    box = f"box {job.box.x:g},{job.box.y:g},{job.box.w:g},{job.box.h:g}"
+    return f"{job.matcher} failed on {box}: {type(error).__name__}: {what} (at {where}); please report it with the log"

@@ -232,6 +232,7 @@ def _with_apron(name: str, level: Pixels, stacks: Mapping[str, list[Pixels]]) ->
     rays = forward + column[:, None] * right + row[:, None] * down
     x, y, z = (rays / np.linalg.norm(rays, axis=1, keepdims=True)).astype(np.float32).T
     line = np.ascontiguousarray(bordered[ring][:, None, :])
+    sides = (4 * _APRON_PX, -1)  # OpenCV takes less than 32,767 places in a row or column; the ring has more
     for other, (right_axis, down_axis, forward_axis) in FACES.items():
         if other == name:
             continue
@@ -242,8 +243,8 @@ def _with_apron(name: str, level: Pixels, stacks: Mapping[str, list[Pixels]]) ->
         columns = np.where(inside, (u + 1) * (m / 2) - 0.5, _OUTSIDE_PX).astype(np.float32)
         rows = ((v + 1) * (m / 2) - 0.5).astype(np.float32)
         found = np.asarray(
-            cv2.remap(source, columns[:, None], rows[:, None], cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE)
-        )
+            cv2.remap(source, columns.reshape(sides), rows.reshape(sides), cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE)
+        ).reshape(line.shape)
         line[inside] = found[inside]
     bordered[ring] = line[:, 0]
     return bordered

@@ -18,7 +18,7 @@ def make(world, off=(0.0, 0.0)):
     field = RayField.of(rig.fisheye, BOX, MARGIN_PX)
     patch = cut_patch(inputs.fisheye_grey, field, rig.head_from_fisheye_rotation, BOX, 1)
     view = prepare_view(inputs.view_grey, rig.camera(reading), rig.head_from_camera(reading).T, patch.angle_rad)
-    return arc, make_grid(inputs, arc, patch, view, patch.angle_rad), patch
+    return arc, make_grid(inputs, arc, patch, view, patch.angle_rad, len(patch.rays)), patch
 
 
 def test_grid_covers_interval_and_band(world):

@@ -33,6 +33,11 @@ def test_a_loss_is_an_error_and_a_recovery_is_news(lines) -> None:
     assert lines(ev.DeviceWell(t_ns=1, device=ev.Device.PTZ)) == [(logging.INFO, "ptz is well")]
 
 
+def test_a_failed_match_is_a_warning_with_its_reason(lines) -> None:
+    failed = ev.MatchFailed(t_ns=1, match_id=4, reason="sweep failed on box 1,2,30,40")
+    assert lines(failed) == [(logging.WARNING, "match 4 failed: sweep failed on box 1,2,30,40")]
+
+
 def test_foreign_motion_is_a_warning(lines) -> None:
     reading = HeadReading(pan_deg=0, tilt_deg=0, zoom=1)
     assert lines(ev.ForeignMotion(t_ns=1, reading=reading)) == [(logging.WARNING, "somebody else moves the camera")]

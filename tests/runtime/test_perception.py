@@ -1,12 +1,15 @@
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 import threading
 
+import cv2
+import numpy as np
 import pytest
 
 from ptzd.control.commands import RunMatch
-from ptzd.errors import PtzdError
+from ptzd.errors import MatchError, PtzdError
 from ptzd.model import Box, FrameRef, HeadReading, Matcher, ViewRef
 from ptzd.runtime import perception as room
 from ptzd.runtime.perception import ThreadPerception
@@ -49,3 +52,41 @@ async def test_a_picture_that_does_not_decode_is_a_named_error(rig, jpeg, wrong:
         with pytest.raises(PtzdError):
             await perception.match(job(), jpeg(), wrong)
         assert (await perception.match(job(), jpeg(), jpeg())).seed == 1
+
+
+@pytest.mark.parametrize("where", ["match", "decode_grey"])
+@pytest.mark.parametrize(
+    "error",
+    [
+        cv2.error("OpenCV: (-215:Assertion failed)\n  dst.rows < SHRT_MAX"),
+        np.linalg.LinAlgError("Singular matrix"),
+        MemoryError("Unable to allocate 18.4 GiB"),
+        ZeroDivisionError("division by zero"),
+        IndexError("index 9 is out of bounds"),
+    ],
+)
+async def test_whatever_arithmetic_stumbles_over_is_one_match_s_failure_in_a_line(
+    rig, jpeg, monkeypatch, where: str, error: Exception
+) -> None:
+    def stumbles(*_: object) -> None:
+        raise error
+
+    async with ThreadPerception(rig) as perception:
+        with monkeypatch.context() as broken:
+            broken.setattr(room, where, stumbles)
+            with pytest.raises(MatchError, match=type(error).__name__) as told:
+                await perception.match(job(), jpeg(), jpeg())
+        assert "\n" not in str(told.value)
+        assert "test_perception.py:" in str(told.value)
+        assert (await perception.match(job(), jpeg(), jpeg())).seed == 1
+
+
+async def test_a_job_beyond_its_budget_is_refused_and_the_same_again_is_too(rig, jpeg) -> None:
+    dear = dataclasses.replace(job(), band_rad=0.7, budget_s=0.001)
+    async with ThreadPerception(rig) as perception:
+        told = []
+        for _ in range(2):
+            with pytest.raises(MatchError) as error:
+                perception.match_now(dear, jpeg(), jpeg())
+            told.append(str(error.value))
+    assert told[0] == told[1]
