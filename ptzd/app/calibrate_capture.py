@@ -17,7 +17,7 @@ from ptzd.app.loading import load_config
 from ptzd.config import Config, HttpSource
 from ptzd.devices.vapix.head import VapixHead
 from ptzd.errors import DeviceLost
-from ptzd.matching.job import decode_grey
+from ptzd.jpeg.pixels import decode_grey
 from ptzd.model import HeadLimits, HeadReading, ViewRef
 from ptzd.ports import FrameSource, MoveStalled, Picture
 from ptzd.runtime.clock import SteadyClock

@@ -7,7 +7,6 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from ptzd.app.calibrate_capture import settings, write_shots
@@ -18,8 +17,9 @@ from ptzd.calibration.guide import CELLS, Action, Advice, Goal, Guide, lit_cells
 from ptzd.calibration.pictures import SUFFIXES, list_pictures, read_grey
 from ptzd.calibration.target import Target
 from ptzd.devices.vapix.head import VapixHead
-from ptzd.errors import CalibrationError, DeviceLost
+from ptzd.errors import CalibrationError, DeviceGarbled, DeviceLost
 from ptzd.geometry.types import Array
+from ptzd.jpeg.pixels import decode_grey
 from ptzd.model import HeadReading
 from ptzd.ports import Clock, FrameSource, Picture, PtzHead
 from ptzd.runtime.clock import SteadyClock
@@ -132,10 +132,10 @@ def _shot(name: str, reading: HeadReading, zoom: float) -> Shot:
 
 
 def _board(picture: Picture, target: Target) -> tuple[Grey | None, Array | None]:
-    pixels = cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
-    if pixels is None:
+    try:
+        grey = decode_grey(picture.jpeg)
+    except DeviceGarbled:
         return None, None
-    grey = np.asarray(pixels, np.uint8)
     view = detect(grey, target, "").view
     return grey, None if view is None else view.pixels
 

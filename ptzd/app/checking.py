@@ -16,9 +16,10 @@ from ptzd.devices.vapix.credentials import exposure
 from ptzd.devices.vapix.head import VapixHead
 from ptzd.devices.vapix.timing import measure_timing
 from ptzd.errors import ConfigError, DeviceLost
+from ptzd.jpeg.pixels import decode_grey
+from ptzd.jpeg.walk import read_header
 from ptzd.model import HeadReading
 from ptzd.runtime.clock import SteadyClock
-from ptzd.runtime.frames import jpeg_size_px
 
 MOVING_DEG_S = 30.0
 """At what speed the pose error of a picture in motion is stated."""
@@ -110,7 +111,7 @@ async def _delays(head: VapixHead, start: HeadReading, settings: Ptz) -> list[st
 
 
 def _size_line(name: str, jpeg: bytes, wanted: tuple[int, int]) -> str:
-    size = jpeg_size_px(jpeg)
+    size = read_header(jpeg).size_px
     if size != wanted:
         raise ConfigError(
             f"{name}: pictures are {size[0]}×{size[1]} px, the calibration is for {wanted[0]}×{wanted[1]} px; "
@@ -120,5 +121,4 @@ def _size_line(name: str, jpeg: bytes, wanted: tuple[int, int]) -> str:
 
 
 def _sharpness(jpeg: bytes) -> float:
-    pixels = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)
-    return float(cv2.Laplacian(np.asarray(pixels), cv2.CV_64F).var())
+    return float(cv2.Laplacian(decode_grey(jpeg), cv2.CV_64F).var())

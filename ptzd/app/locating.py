@@ -18,11 +18,12 @@ from ptzd.config import Search
 from ptzd.control.admission import check_box
 from ptzd.control.decision import Decision, Thresholds, Verdict, decide, direction_sigma_rad
 from ptzd.control.scan import ScanPlan, plan_views
-from ptzd.errors import PtzdError, RequestRefused
+from ptzd.errors import DeviceGarbled, PtzdError, RequestRefused
 from ptzd.geometry.arc import EpipolarArc
 from ptzd.geometry.rig import Rig
 from ptzd.geometry.sphere import bearing
 from ptzd.geometry.types import pixel_angle_rad
+from ptzd.jpeg.pixels import decode_file
 from ptzd.matching.job import MatchInputs, match
 from ptzd.model import Box, HeadLimits, HeadReading, Matcher, MatchResult
 
@@ -200,16 +201,15 @@ def _range_m(inverse_range: float) -> float | None:
 
 def _read_grey(path: Path, size_px: tuple[int, int], what: str) -> NDArray[np.uint8]:
     try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
+        pixels = decode_file(path.read_bytes())
     except OSError as error:
         raise DataError(f"{path}: {error.strerror}") from None
-    pixels = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
-    if pixels is None:
-        raise DataError(f"{path}: not a picture")
+    except DeviceGarbled as error:
+        raise DataError(f"{path}: {error}") from None
     height, width = pixels.shape[:2]
     if (width, height) != size_px:
         raise DataError(f"{path}: {width}×{height} px, the calibration's {what} has {size_px[0]}×{size_px[1]} px")
-    return pixels.astype(np.uint8)
+    return pixels
 
 
 def _read_views(path: Path) -> tuple[View, ...]:

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
-import numpy as np
 
 from ptzd.calibration.detect import Detection, Grey, detect, size_seen
 from ptzd.calibration.target import Target, TargetKind
 from ptzd.calibration.views import BoardView, Status, ViewVerdict
-from ptzd.errors import CalibrationError
+from ptzd.errors import CalibrationError, DeviceGarbled
+from ptzd.jpeg.pixels import decode_file
 
 SUFFIXES = {".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".pgm"}
 THREADS = 2
@@ -49,14 +49,18 @@ def list_pictures(folder: Path) -> list[Path]:
 
 
 def read_grey(path: Path) -> Grey | None:
-    """The picture as stored (a turned camera stays turned), or None when it is none."""
+    """The picture as stored (a turned camera stays turned), or None when it is no whole, undamaged picture."""
     try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
+        return decode_file(_bytes(path))
+    except DeviceGarbled:
+        return None
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
     except OSError as error:
         raise CalibrationError(f"{path}: {error.strerror}") from None
-    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
-    pixels = cv2.imdecode(data, flags) if data.size else None
-    return None if pixels is None else np.asarray(pixels, np.uint8)
 
 
 def read_boards(
@@ -104,9 +108,10 @@ def read_boards(
 
 
 def _one(path: Path, target: Target) -> tuple[Detection, tuple[int, int] | None]:
-    grey = read_grey(path)
-    if grey is None:
-        return Detection(status=Status.UNREADABLE, reason="cannot be decoded"), None
+    try:
+        grey = decode_file(_bytes(path))
+    except DeviceGarbled as error:
+        return Detection(status=Status.UNREADABLE, reason=str(error)), None
     return detect(grey, target, path.name), (grey.shape[1], grey.shape[0])
 
 

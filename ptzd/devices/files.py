@@ -13,8 +13,9 @@ import cv2
 import numpy as np
 
 from ptzd.config import FilesSource
-from ptzd.devices.jpeg import complete_length, encode_jpeg
 from ptzd.errors import DeviceError, DeviceGarbled, DeviceLost, DeviceRefused
+from ptzd.jpeg.pixels import encode_jpeg
+from ptzd.jpeg.walk import whole_length
 from ptzd.model import FrameRef
 from ptzd.ports import Clock, Picture
 
@@ -155,11 +156,13 @@ def read_picture(path: Path) -> bytes:
     except OSError as error:
         raise DeviceLost(f"{path}: {error.strerror}") from error
     if path.suffix.lower() in JPEG_SUFFIXES:
-        length = complete_length(data, len(data))
+        length = whole_length(data, len(data))
         if length is None:
             raise DeviceGarbled(f"{path}: not a whole JPEG picture; passed over")
         return data[:length]
-    pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
+    pixels = (
+        cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION) if data else None
+    )
     if pixels is None:
         raise DeviceGarbled(f"{path}: not a picture that can be decoded; passed over")
     return encode_jpeg(np.asarray(pixels, np.uint8))

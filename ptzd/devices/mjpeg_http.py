@@ -9,7 +9,7 @@ from ptzd.devices.mjpeg import MultipartParser, boundary_of
 from ptzd.devices.vapix.client import CameraClient
 from ptzd.devices.vapix.failures import ConnectionCut
 from ptzd.devices.vapix.requests import Request
-from ptzd.errors import DeviceLost
+from ptzd.errors import DeviceGarbled, DeviceLost
 from ptzd.ports import Clock
 
 Deliver = Callable[[bytes | None, int], None]
@@ -40,10 +40,14 @@ async def read_mjpeg(
         Not allowed, or not an MJPEG stream.
     """
     loop = asyncio.get_running_loop()
+    parser: MultipartParser | None = None
     try:
         async with asyncio.timeout(stall_s) as patience, client.stream(request, stall_s) as response:
+            refuse_compressed(response.headers.get("Content-Encoding", ""), client.origin + request.name)
             parser = MultipartParser(boundary_of(response.headers.get("Content-Type", "")))
             async for chunk in response.content.iter_any():
+                # what came faster than it is read is there at once: without a pause the loop would see nothing else
+                await asyncio.sleep(0)
                 arrival_ns = clock.now_ns()
                 for part in parser.feed(chunk):
                     deliver(part.body if part.complete else None, arrival_ns)
@@ -51,4 +55,14 @@ async def read_mjpeg(
                         patience.reschedule(loop.time() + stall_s)
             raise ConnectionCut("the stream ended")
     except TimeoutError:
-        raise DeviceLost(f"{client.origin}{request.name}: no complete picture for {stall_s:g} s") from None
+        seen = "no answer came" if parser is None else parser.seen()
+        raise DeviceLost(f"{client.origin}{request.name}: no complete picture for {stall_s:g} s; {seen}") from None
+
+
+def refuse_compressed(encoding: str, name: str) -> None:
+    """Raise DeviceGarbled for a body that is packed: it would be unpacked late and without a bound."""
+    if encoding.strip().lower() not in {"", "identity"}:
+        raise DeviceGarbled(
+            f"{name}: the stream is sent with Content-Encoding {encoding!r}; switch compression off in the server or "
+            "proxy that does so, JPEG is compressed already"
+        )

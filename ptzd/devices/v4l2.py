@@ -17,10 +17,10 @@ import cv2
 import numpy as np
 
 from ptzd.config import V4l2Source
-from ptzd.devices.jpeg import encode_jpeg
 from ptzd.devices.v4l2_capture import BYTES_PER_PIXEL, Capture, Layout, Shot, Tally, open_capture
 from ptzd.devices.v4l2_kernel import Device, KernelDevice
 from ptzd.errors import DeviceError, DeviceLost
+from ptzd.jpeg.pixels import encode_jpeg
 from ptzd.model import FrameRef
 from ptzd.ports import Clock, Picture
 

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 from ptzd.config import V4l2Source
 from ptzd.devices import v4l2_abi as abi
-from ptzd.devices.jpeg import complete_length
 from ptzd.devices.v4l2_controls import apply_controls
 from ptzd.devices.v4l2_kernel import Device, device_error
 from ptzd.devices.v4l2_loss import Numbering
 from ptzd.errors import DeviceRefused
+from ptzd.jpeg.walk import whole_length
 
 BUFFERS = 4
 """One being filled, one ready, two for the time that the loop is busy elsewhere (66 ms at 30 pictures/s)."""
@@ -238,7 +238,7 @@ class Capture:
 
     def _whole_length(self, buffer: abi.Buffer) -> int | None:
         if self.layout.format not in BYTES_PER_PIXEL:
-            return complete_length(self._maps[buffer.index], buffer.bytesused)
+            return whole_length(self._maps[buffer.index], buffer.bytesused)
         whole = self.layout.bytes_per_line * self.layout.size_px[1]
         return whole if buffer.bytesused >= whole else None
 

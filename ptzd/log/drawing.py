@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ptzd.control.events import MatchFinished
+from ptzd.errors import DeviceGarbled
 from ptzd.geometry.rig import Rig
+from ptzd.jpeg.pixels import decode_bgr
 from ptzd.log import curves
 from ptzd.log.story import Look, Story
 from ptzd.model import Box
@@ -28,11 +30,11 @@ CROP_PX = 320
 
 
 def decode(jpeg: bytes) -> Pixels | None:
-    """BGR pixels; None when the bytes are no picture."""
-    if not jpeg:
+    """BGR pixels as stored; None when the bytes are no whole, undamaged JPEG."""
+    try:
+        return decode_bgr(jpeg)
+    except DeviceGarbled:
         return None
-    pixels = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
-    return None if pixels is None else np.asarray(pixels, np.uint8)
 
 
 def encode(pixels: Pixels) -> bytes:

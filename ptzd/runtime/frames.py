@@ -4,31 +4,8 @@ from __future__ import annotations
 
 from collections import OrderedDict
 
-from ptzd.errors import DeviceGarbled
 from ptzd.model import FrameRef
 from ptzd.ports import Picture
-
-_SIZE_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-"""JPEG start-of-frame markers SOF0…SOF15 (ITU-T T.81, table B.1)."""
-
-
-def jpeg_size_px(jpeg: bytes) -> tuple[int, int]:
-    """Width and height of a JPEG from its header, without decoding it.
-
-    Raises
-    ------
-    DeviceGarbled
-        When there is no frame header.
-    """
-    position = 2
-    while position + 9 < len(jpeg) and jpeg[position] == 0xFF:
-        marker = jpeg[position + 1]
-        if marker in _SIZE_MARKERS:
-            height = int.from_bytes(jpeg[position + 5 : position + 7])
-            width = int.from_bytes(jpeg[position + 7 : position + 9])
-            return width, height
-        position += 2 + int.from_bytes(jpeg[position + 2 : position + 4])
-    raise DeviceGarbled(f"a picture of {len(jpeg)} bytes has no JPEG frame header; is the stream really JPEG?")
 
 
 class FrameStore:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
+from ptzd.jpeg.pixels import decode_bgr
 from ptzd.model import Candidate, ViewRef
 from ptzd.ports import Bus
 from ptzd.runtime.frames import FrameStore
@@ -67,7 +68,7 @@ class Overlays:
 
 def draw_candidate(jpeg: bytes, candidate: Candidate) -> bytes:
     """Draw a candidate's box and score into a view; JPEG in, JPEG out."""
-    pixels = np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR), np.uint8)
+    pixels = decode_bgr(jpeg)
     corners = np.round(np.array(candidate.box_px)).astype(np.int32)
     cv2.polylines(pixels, [corners.reshape(-1, 1, 2)], isClosed=True, color=GREEN_BGR, thickness=2)
     cv2.putText(pixels, f"{candidate.score:.2f}", (8, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.7, GREEN_BGR, 2)

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from ptzd.control.commands import RunMatch
 from ptzd.errors import MatchError, PtzdError
 from ptzd.geometry.rig import Rig
-from ptzd.matching.job import MatchInputs, decode_grey, match
+from ptzd.jpeg.pixels import decode_grey
+from ptzd.matching.job import MatchInputs, match
 from ptzd.model import MatchResult
 
 

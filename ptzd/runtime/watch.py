@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Callable
 
 from ptzd.control import events as ev
 from ptzd.errors import DeviceError, DeviceRefused
+from ptzd.jpeg.walk import UPRIGHT, read_header, turned
 from ptzd.model import HeadReading, Motion
 from ptzd.ports import EventLog, FrameSource, HeadPoll, Picture, PtzHead
-from ptzd.runtime.frames import FrameStore, jpeg_size_px
+from ptzd.runtime.frames import FrameStore
 from ptzd.runtime.hands import Tell
+
+LOGGER = logging.getLogger(__name__)
 
 FIRST_RETRY_S = 0.5
 LONGEST_RETRY_S = 15.0
@@ -108,8 +112,7 @@ class FisheyeWatch:
                 await asyncio.sleep(back_off.after())
 
     def _take(self, picture: Picture) -> None:
-        if not self.health.well:
-            self._check_size(picture)
+        self._check(picture)
         self.frames_seen += 1
         self.frames_lost += picture.lost_before
         self._frames.add(picture)
@@ -118,8 +121,11 @@ class FisheyeWatch:
         self.health.report_well()
         self._shown(picture)
 
-    def _check_size(self, picture: Picture) -> None:
-        width, height = jpeg_size_px(picture.jpeg)
+    def _check(self, picture: Picture) -> None:
+        header = read_header(picture.jpeg)
+        width, height = header.size_px
+        if not self.health.well and header.orientation != UPRIGHT:
+            LOGGER.warning("%s", turned("fisheye", header.orientation))
         if (width, height) != self._size_px:
             wanted = f"{self._size_px[0]}×{self._size_px[1]}"
             message = (

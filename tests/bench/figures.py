@@ -23,9 +23,10 @@ from ptzd.app.loopback import reserved_port
 from ptzd.bus.client import Client
 from ptzd.calibration.file import read_rig
 from ptzd.control import commands as cmd
+from ptzd.jpeg.pixels import decode_grey
 from ptzd.log.reader import LoggedCommand, LogReader
 from ptzd.matching.inputs import MatchInputs
-from ptzd.matching.job import decode_grey, match
+from ptzd.matching.job import match
 from ptzd.model import Matcher
 from ptzd.sim.scene import load_scene
 from tests.bench import seconds

@@ -19,7 +19,8 @@ import cv2
 
 from ptzd.geometry.rig import Rig
 from ptzd.geometry.zoom import ZoomTable
-from ptzd.matching.job import decode_grey, match
+from ptzd.jpeg.pixels import decode_grey
+from ptzd.matching.job import match
 from ptzd.model import Matcher
 from tests.bench import own, report
 from tests.bench.cases import Case, Condition, make_case

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from ptzd.errors import DeviceGarbled, GeometryError
-from ptzd.matching.job import decode_grey, match
+from ptzd.jpeg.pixels import decode_grey
+from ptzd.matching.job import match
 from ptzd.model import Box, Matcher
 
 BOX = Box(x=300, y=220, w=24, h=24)
@@ -31,7 +32,7 @@ def test_truncated_jpeg_is_refused(keep):
 def test_not_a_jpeg_is_refused():
     with pytest.raises(DeviceGarbled, match="start"):
         decode_grey(b"\x89PNG\r\n" + bytes(100))
-    with pytest.raises(DeviceGarbled, match="decoded"):
+    with pytest.raises(DeviceGarbled, match="no JPEG frame header"):
         decode_grey(b"\xff\xd8" + b"no picture at all" * 9 + b"\xff\xd9")
 
 

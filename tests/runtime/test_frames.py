@@ -1,28 +1,6 @@
 from __future__ import annotations
 
-import contextlib
-
-import cv2
-import numpy as np
-import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-
-from ptzd.errors import DeviceGarbled
-from ptzd.runtime.frames import FrameStore, jpeg_size_px
-
-
-@given(st.integers(1, 200), st.integers(1, 200), st.booleans())
-def test_the_size_of_a_jpeg_is_read_from_its_header(width: int, height: int, progressive: bool) -> None:
-    pixels = np.zeros((height, width, 3), np.uint8)
-    jpeg = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_PROGRESSIVE, int(progressive)])[1].tobytes()
-    assert jpeg_size_px(jpeg) == (width, height)
-
-
-@given(st.binary(max_size=200))
-def test_what_is_no_jpeg_is_refused_or_has_some_size(data: bytes) -> None:
-    with contextlib.suppress(DeviceGarbled):
-        assert jpeg_size_px(data) >= (0, 0)
+from ptzd.runtime.frames import FrameStore
 
 
 def test_the_ring_forgets_the_oldest(picture) -> None:
@@ -62,9 +40,3 @@ def test_views_are_kept_for_a_scan(picture) -> None:
         store.add_view(view)
     assert [store.view(view.frame) for view in views] == [None, views[1], views[2]]
     assert store.fisheye(views[2].frame) is None
-
-
-@pytest.mark.parametrize("jpeg", [b"", b"\xff\xd8", b"\xff\xd8\xff\xd9", b"GIF89a" * 5])
-def test_a_picture_without_a_frame_header_is_garbled(jpeg: bytes) -> None:
-    with pytest.raises(DeviceGarbled, match="really JPEG"):
-        jpeg_size_px(jpeg)

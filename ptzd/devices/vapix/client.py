@@ -82,7 +82,7 @@ class CameraClient:
         self._session = aiohttp.ClientSession(
             cookie_jar=aiohttp.CookieJar(unsafe=True),  # also for addresses: the control queue wants its cookie back
             connector=aiohttp.TCPConnector(limit_per_host=6, ssl=self._fingerprint or True),
-            headers={"User-Agent": "ptzd"},
+            headers={"User-Agent": "ptzd", "Accept-Encoding": "identity"},
         )
         return self
 

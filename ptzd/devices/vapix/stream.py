@@ -7,13 +7,13 @@ from collections.abc import Callable
 
 from ptzd.config import Ptz
 from ptzd.devices.backoff import Backoff
-from ptzd.devices.mjpeg import jpeg_size
 from ptzd.devices.mjpeg_http import read_mjpeg
 from ptzd.devices.vapix import requests
 from ptzd.devices.vapix.client import CameraClient
 from ptzd.devices.vapix.failures import Overloaded
 from ptzd.devices.vapix.feed import Feed
 from ptzd.errors import DeviceGarbled, DeviceLost
+from ptzd.jpeg.walk import read_header
 from ptzd.model import FrameRef
 from ptzd.ports import Clock, Picture
 
@@ -121,9 +121,10 @@ class ViewStream:
         return last.frame.t_capture_ns
 
     def _check_size(self, jpeg: bytes) -> None:
-        size = jpeg_size(jpeg)
-        if size != self._size_px:
+        width, height = read_header(jpeg).size_px
+        wanted = self._size_px
+        if (width, height) != wanted:
             raise DeviceGarbled(
-                f"the camera sends pictures of {size} px, not {self._size_px}; "
+                f"the camera sends pictures of {width}×{height} px, not {wanted[0]}×{wanted[1]} px; "
                 "set ptz.size_px to a size it has and calibrate at that"
             )

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ptzd.devices.vapix.head import VapixHead
 from ptzd.errors import DeviceGarbled
+from ptzd.jpeg.pixels import decode_grey
 from ptzd.model import HeadReading, Motion
 from ptzd.ports import HeadPoll, Picture
 
@@ -146,10 +147,9 @@ def progress_of_pictures(pictures: Sequence[Picture]) -> Samples:
 
 
 def _grey(jpeg: bytes) -> NDArray[np.float32]:
-    pixels = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_REDUCED_GRAYSCALE_2)
-    if pixels is None:
-        raise DeviceGarbled("a picture of the stream does not decode")
-    return pixels.astype(np.float32)
+    grey = decode_grey(jpeg)
+    half = (grey.shape[1] // 2, grey.shape[0] // 2)
+    return cv2.resize(grey, half, interpolation=cv2.INTER_AREA).astype(np.float32)
 
 
 def step_offset_s(reports: Samples, pictures: Samples) -> float | None:

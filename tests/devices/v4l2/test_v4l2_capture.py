@@ -4,7 +4,9 @@ import errno
 import tracemalloc
 from contextlib import closing
 
+import cv2
 import msgspec
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given
 from hypothesis import settings as hypothesis_settings
@@ -49,7 +51,7 @@ def test_what_the_driver_had_no_buffer_for_is_a_gap(capture, kernel, jpeg):
     assert capture.newest().number == BUFFERS + 3
 
 
-@pytest.mark.parametrize("damage", ["flagged", "cut off", "empty", "no start", "zeros in the middle"])
+@pytest.mark.parametrize("damage", ["flagged", "cut off", "empty", "no start"])
 def test_what_is_not_a_whole_picture_is_counted_and_not_delivered(capture, kernel, jpeg, tally, damage):
     whole = jpeg(1)
     data = {
@@ -57,7 +59,6 @@ def test_what_is_not_a_whole_picture_is_counted_and_not_delivered(capture, kerne
         "cut off": whole[:-20],
         "empty": b"",
         "no start": whole[2:],
-        "zeros in the middle": whole + bytes(8) + b"x",
     }[damage]
     kernel.device.shoot(data, flags=abi.BUF_FLAG_ERROR if damage == "flagged" else 0)
     assert capture.newest() is None
@@ -66,8 +67,14 @@ def test_what_is_not_a_whole_picture_is_counted_and_not_delivered(capture, kerne
     assert capture.newest().number == 1
 
 
-def test_zeros_behind_the_end_marker_are_not_part_of_the_picture(capture, kernel, jpeg):
-    kernel.device.shoot(jpeg(1) + bytes(100))
+@pytest.mark.parametrize("behind", [bytes(100), bytes(8) + b"x", b"\xff" * 3, bytes(range(90))])
+def test_what_is_left_behind_the_end_marker_is_not_part_of_the_picture(capture, kernel, jpeg, behind):
+    kernel.device.shoot(jpeg(1) + behind)
+    assert capture.newest().data == jpeg(1)
+
+
+def test_an_older_longer_picture_in_the_same_buffer_is_not_taken_along(capture, kernel, jpeg):
+    kernel.device.shoot(jpeg(1) + jpeg(2)[200:])
     assert capture.newest().data == jpeg(1)
 
 
@@ -210,7 +217,8 @@ def test_a_raw_picture_is_whole_when_all_its_rows_are_there(kernel, settings, ta
 def test_a_picture_is_copied_once_and_nothing_of_it_is_kept(kernel, settings, tally):
     """From the driver's buffer into the picture; memory does not grow with the number of pictures."""
     kernel.sizes["MJPG"] = [(1024, 768)]
-    big = b"\xff\xd8" + bytes([7]) * 1_000_000 + b"\xff\xd9"
+    noise = np.random.default_rng(1).integers(0, 255, (768, 1024), np.uint8)
+    big = cv2.imencode(".jpg", noise, [cv2.IMWRITE_JPEG_QUALITY, 98])[1].tobytes()
     large = msgspec.structs.replace(settings, size_px=(1024, 768))
     with closing(open_capture(large, kernel.open, tally)) as capture:
         tracemalloc.start()

@@ -105,7 +105,7 @@ async def test_what_is_no_stream_is_said(camera, settings_for, clock, response, 
 
 async def test_pictures_of_another_size_are_refused(camera, settings_for, clock):
     async with VapixHead(settings_for(camera, size_px=(640, 480)), Limits(), clock) as head:
-        with pytest.raises(DeviceGarbled, match=r"pictures of \(64, 48\) px, not \(640, 480\); set ptz\.size_px"):
+        with pytest.raises(DeviceGarbled, match=r"pictures of 64×48 px, not 640×480 px; set ptz\.size_px"):
             await head.describe()
 
 
