@@ -15,7 +15,7 @@ import numpy as np
 from ptzd import __version__
 
 CPUINFO = Path("/proc/cpuinfo")
-_PACKAGES = ("numpy", "opencv-python-headless", "scipy", "eclipse-zenoh", "aiohttp", "mcap", "msgspec")
+_PACKAGES = ("numpy", "opencv-python-headless", "scipy", "eclipse-zenoh", "aiohttp", "mcap", "msgspec", "simplejpeg")
 _DISPATCH = ("OPENCV_CPU_DISABLE", "OPENCV_IPP", "NPY_DISABLE_CPU_FEATURES", "OPENBLAS_CORETYPE")
 """Variables with which libraries are told to use other code than what the CPU could run."""
 

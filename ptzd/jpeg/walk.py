@@ -86,7 +86,7 @@ class Walk:
         if marker == END[1] and self.size_px is not None and self._scanned:
             self.at += 2
             return Walked.WHOLE
-        if marker in {0x00, START[1], END[1]}:
+        if marker < 0xC0 or marker in {START[1], END[1]}:
             return Walked.BROKEN
         return self._with_length(marker, data, used)
 
