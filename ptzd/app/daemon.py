@@ -142,6 +142,7 @@ async def _life(loaded: Loaded, stop: asyncio.Event, again: asyncio.Event, ready
             serving=ready,
             watching=(drift.seen,) if config.drift.monitor else (),
         )
+        bus.on_image_query(parts.daemon.gallery.newest)
         bus.on_log_query(_log_handler(log, parts.daemon))
         machine = parts.daemon.pump.machine
         watch = Watchdog(notifier, _vitals(parts.daemon, log), lambda: str(machine.state))

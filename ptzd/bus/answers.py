@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
 from typing import Literal
 
 import msgspec
 import zenoh
 
-from ptzd.bus.arrivals import Arrival
+from ptzd.bus.arrivals import Arrival, Handler
 from ptzd.bus.decode import decode
 from ptzd.bus.keys import Keys, request_id_of
 from ptzd.bus.messages import ErrorReply, LogReply, LogRequest, encoding
@@ -21,6 +21,8 @@ from ptzd.ports import Clock
 
 LogHandler = Callable[[Literal["list", "rotate"]], Awaitable[Sequence[str]]]
 """Does what a query on ``log`` asks; returns the closed files, oldest first."""
+ImageHandler = Callable[[str], Awaitable[tuple[bytes, Mapping[str, object]] | None]]
+"""Newest JPEG of ``image/fisheye``, ``image/ptz`` or ``image/overlay`` with its attachment; None when there is none."""
 
 
 class Answers:
@@ -59,7 +61,10 @@ class Answers:
         self.more: dict[str, object] = {}
         """Fields of the status published by others than the core."""
         self.calibration: Mapping[str, object] | None = None
+        self.pose: Mapping[str, object] | None = None
+        """As last published."""
         self.log_handler: LogHandler | None = None
+        self.image_handler: ImageHandler | None = None
 
     def status_document(self) -> dict[str, object]:
         """The status as of now; the core's fields win over others of the same name."""
@@ -70,6 +75,33 @@ class Answers:
         """``status``: the newest."""
         if arrival.query is not None:
             reply(arrival.query, self._keys.full("status"), msgspec.json.encode(self.status_document()), "Status")
+
+    def on_pose(self, arrival: Arrival) -> None:
+        """``pose``: the newest."""
+        if arrival.query is None:
+            return
+        if self.pose is None:
+            refuse(arrival.query, ErrorReply(code="unavailable", message="the head has not said yet where it looks"))
+            return
+        reply(arrival.query, self._keys.full("pose"), msgspec.json.encode(self.pose), "Pose")
+
+    def on_image(self, key: str) -> Handler:
+        """Handler of ``image/…``: the newest picture, for those who ask instead of listening."""
+
+        def handle(arrival: Arrival) -> None:
+            query = arrival.query
+            if query is None:
+                return
+            if not arrival.key.endswith(f"/{key}"):
+                query.drop()  # type: ignore[no-untyped-call]  # untyped in the stub
+                return
+            token = self._pending.add(query, self._keys.full(key))
+            if token is None:
+                refuse(query, BUSY)
+            else:
+                self._start(self._show(token, key))
+
+        return handle
 
     def on_result(self, arrival: Arrival) -> None:
         """``roi/<id>/result``: the kept one; with a wildcard all that fit."""
@@ -110,9 +142,19 @@ class Answers:
         if token is None:
             refuse(query, BUSY)
             return
-        task = asyncio.ensure_future(self._ask_log(token, action))
+        self._start(self._ask_log(token, action))
+
+    def _start(self, work: Coroutine[None, None, None]) -> None:
+        task = asyncio.ensure_future(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
+
+    async def _show(self, token: int, key: str) -> None:
+        shown = None if self.image_handler is None else await self.image_handler(key)
+        if shown is None:
+            self._pending.refuse(token, ErrorReply(code="unavailable", message=f"there is no picture for {key} yet"))
+        else:
+            self._pending.reply_image(token, *shown)
 
     async def close(self) -> None:
         """Give up questions to the log that are under way."""

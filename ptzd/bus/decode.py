@@ -21,7 +21,7 @@ from ptzd.errors import RequestRefused
 from ptzd.model import Box
 
 MAX_PAYLOAD_BYTES = 8192
-"""Longest message accepted; the session's low-pass filter drops longer ones before they get here."""
+"""Longest message accepted; the session's low-pass filter drops much longer ones before they get here."""
 
 _M = TypeVar("_M", bound=Struct)
 _NAMED_FIELD = re.compile(r"(?:unknown|required) field `([^`]*)`")
@@ -96,19 +96,21 @@ def request_event(payload: bytes, t_ns: int, token: int | None) -> RequestReceiv
     )
 
 
-def update_event(payload: bytes, t_ns: int, request_id: str) -> UpdateReceived | PayloadRefused:
+def update_event(payload: bytes, t_ns: int, request_id: str, token: int | None) -> UpdateReceived | PayloadRefused:
     """What came in on ``roi/<id>/update``.
 
-    A refused update carries no id: the request it belongs to goes on and must not be told that it ended.
+    A refused update names its request as the one that it is about: that goes on and must not be told that it ended.
     """
     try:
         update = decode(payload, RoiUpdate)
         _check_frame(update.frame)
     except RequestRefused as error:
         named = RequestRefused(error.code, f"update of {request_id}: {error.message}", error.field)
-        return refused(named, t_ns, None, None)
+        return refused(named, t_ns, token, None, about=request_id)
     return UpdateReceived(
         t_ns=t_ns,
+        token=token,
+        told=True,
         id=request_id,
         box=_box(update.box),
         frame_seq=update.frame.seq if update.frame else None,
@@ -116,10 +118,18 @@ def update_event(payload: bytes, t_ns: int, request_id: str) -> UpdateReceived |
     )
 
 
-def refused(error: RequestRefused, t_ns: int, token: int | None, request_id: str | None) -> PayloadRefused:
+def refused(
+    error: RequestRefused, t_ns: int, token: int | None, request_id: str | None, about: str | None = None
+) -> PayloadRefused:
     """The refusal as an event."""
     return PayloadRefused(
-        t_ns=t_ns, token=token, code=error.code, message=error.message, field=error.field, id=request_id
+        t_ns=t_ns,
+        token=token,
+        code=error.code,
+        message=error.message,
+        field=error.field,
+        id=request_id,
+        about=about,
     )
 
 

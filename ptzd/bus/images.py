@@ -9,6 +9,7 @@ import msgspec
 import zenoh
 
 from ptzd.bus.keys import IMAGE_KEYS, Keys
+from ptzd.bus.messages import IMAGE_ENCODING
 
 
 class ImagePublisher:
@@ -40,7 +41,7 @@ class ImagePublisher:
         for key in IMAGE_KEYS:
             self._publishers[key] = self._session.declare_publisher(
                 self._keys.full(key),
-                encoding="image/jpeg",
+                encoding=IMAGE_ENCODING,
                 congestion_control=zenoh.CongestionControl.DROP,
                 priority=zenoh.Priority.DATA_LOW,
             )

@@ -51,41 +51,52 @@ class Inbound:
             self._offer(_too_large(arrival, t_ns) or request_event(arrival.payload, t_ns, token), token)
 
     def on_update(self, arrival: Arrival) -> None:
-        """``roi/<id>/update``: a put."""
-        request_id = request_id_of(arrival.key, "update")
-        t_ns = self._clock.now_ns()
+        """``roi/<id>/update``: a put or a query."""
+        request_id = self._named(arrival, "update")
         if request_id is None:
-            error = RequestRefused("invalid", f"{arrival.key} names no request; ids are 1 to 64 of A-Za-z0-9._-", "$")
-            self._offer(refused(error, t_ns, None, None), None)
-        else:
-            self._offer(_too_large(arrival, t_ns) or update_event(arrival.payload, t_ns, request_id), None)
+            return
+        token = self._token(arrival, self._keys.of_request(request_id, "update"))
+        if arrival.query is None or token is not None:
+            t_ns = self._clock.now_ns()
+            too_large = _too_large(arrival, t_ns, about=request_id)
+            self._offer(too_large or update_event(arrival.payload, t_ns, request_id, token), token)
 
     def on_cancel(self, arrival: Arrival) -> None:
-        """``roi/<id>/cancel``: a query."""
-        request_id = request_id_of(arrival.key, "cancel")
+        """``roi/<id>/cancel``: a query or a put."""
+        request_id = self._named(arrival, "cancel")
         if request_id is None:
-            _ignore(arrival)
             return
         token = self._token(arrival, self._keys.of_request(request_id, "cancel"))
-        if token is not None:
+        if arrival.query is None or token is not None:
             t_ns = self._clock.now_ns()
             cancel = CancelReceived(t_ns=t_ns, token=token, id=request_id)
-            self._offer(_refused_unless_empty(arrival, t_ns, token) or cancel, token)
+            self._offer(_refused_unless_empty(arrival, t_ns, token, about=request_id) or cancel, token)
 
     def on_control(self, verb: Verb) -> Handler:
-        """Handler of the query ``control/<verb>``."""
+        """Handler of ``control/<verb>``: a query or a put."""
 
         def handle(arrival: Arrival) -> None:
             if not arrival.key.endswith(f"/control/{verb}"):
                 _ignore(arrival)
                 return
             token = self._token(arrival, self._keys.full(f"control/{verb}"))
-            if token is not None:
+            if arrival.query is None or token is not None:
                 t_ns = self._clock.now_ns()
                 control = ControlReceived(t_ns=t_ns, token=token, verb=verb)
                 self._offer(_refused_unless_empty(arrival, t_ns, token) or control, token)
 
         return handle
+
+    def _named(self, arrival: Arrival, leaf: str) -> str | None:
+        """The request that a key names; a put on a key that names none is told, a query that looks around let go."""
+        request_id = request_id_of(arrival.key, leaf)
+        if request_id is None:
+            _ignore(arrival)
+            if arrival.query is None:
+                message = f"{arrival.key} names no request; ids are 1 to 64 of A-Za-z0-9._-"
+                error = RequestRefused("invalid", message, "$")
+                self._offer(refused(error, self._clock.now_ns(), None, None), None)
+        return request_id
 
     def _token(self, arrival: Arrival, key: str) -> int | None:
         if arrival.query is None:
@@ -110,16 +121,22 @@ def _ignore(arrival: Arrival) -> None:
         arrival.query.drop()  # type: ignore[no-untyped-call]  # untyped in the stub
 
 
-def _too_large(arrival: Arrival, t_ns: int) -> PayloadRefused | None:
+def _too_large(arrival: Arrival, t_ns: int, about: str | None = None) -> PayloadRefused | None:
     if arrival.size == len(arrival.payload):
         return None
-    return refused(too_large(arrival.size), t_ns, None, None)
+    return refused(too_large(arrival.size), t_ns, None, None, about=about)
 
 
-def _refused_unless_empty(arrival: Arrival, t_ns: int, token: int) -> PayloadRefused | None:
+def _refused_unless_empty(
+    arrival: Arrival, t_ns: int, token: int | None, about: str | None = None
+) -> PayloadRefused | None:
+    """The refusal of a verb with something in it that asks for more than the verb does."""
     try:
+        if arrival.size > len(arrival.payload):
+            raise too_large(arrival.size)
         if arrival.payload:
             decode(arrival.payload, Empty)
     except RequestRefused as error:
-        return refused(error, t_ns, token, None)
+        where = RequestRefused(error.code, f"{arrival.key.rpartition('/')[2]}: {error.message}", error.field)
+        return refused(where, t_ns, token, None, about=about)
     return None

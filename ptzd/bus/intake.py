@@ -31,7 +31,7 @@ class EventQueue:
         self._error: BaseException | None = None
 
     def offer(self, event: Event) -> bool:
-        """Append an event; False when there is no room for its kind. Of one request only the newest update waits."""
+        """Append an event; False without room for its kind. Of one request only the newest update by put waits."""
         if isinstance(event, UpdateReceived):
             self._withdraw_update(event.id)
         urgent = isinstance(event, CancelReceived | ControlReceived)
@@ -62,6 +62,6 @@ class EventQueue:
 
     def _withdraw_update(self, request_id: str) -> None:
         for index, waiting in enumerate(self._events):
-            if isinstance(waiting, UpdateReceived) and waiting.id == request_id:
+            if isinstance(waiting, UpdateReceived) and waiting.id == request_id and waiting.token is None:
                 del self._events[index]
                 return

@@ -16,6 +16,8 @@ from ptzd.errors import RequestRefused
 from ptzd.model import MIN_BOX_SIDE_PX, Outcome
 
 VERSION = "v1"
+IMAGE_ENCODING = "image/jpeg"
+"""Zenoh encoding of pictures; what they show is in the attachment, an ``ImageAttachment``."""
 
 # `$(?!\n)`: Python's `$` alone would let a trailing newline through.
 Id = Annotated[str, Meta(pattern=r"^[A-Za-z0-9._-]{1,64}$(?!\n)", description="1 to 64 of A-Z a-z 0-9 . _ -")]
@@ -182,6 +184,12 @@ class CancelReply(Outgoing, frozen=True):
     outcome: str
 
 
+class UpdateReply(Outgoing, frozen=True):
+    """What the update did, where it was a query."""
+
+    outcome: str
+
+
 class ControlReply(Outgoing, frozen=True):
     """What the operator's verb did."""
 
@@ -204,6 +212,8 @@ class Pose(Outgoing, frozen=True):
     hfov_deg: float | None = None
     sigma_deg: float | None = None
     moving: bool = False
+    motion: str = ""
+    """``moving``, ``settling``, ``stable`` or ``unknown``."""
 
 
 class Status(Outgoing, frozen=True):
@@ -249,13 +259,15 @@ class ImageAttachment(Outgoing, frozen=True):
     zoom: float | None = None
     hfov_deg: float | None = None
     moving: bool | None = None
+    motion: str | None = None
+    """As in ``Pose``."""
 
 
 MESSAGES: dict[str, type[Struct]] = {
     message.__name__: message
     for message in (
         RoiRequest, RoiUpdate, Empty, LogRequest, Accepted, ErrorReply, Feedback, RoiResult, CancelReply, ControlReply,
-        LogReply, Pose, Status, Calibration, ImageAttachment,
+        UpdateReply, LogReply, Pose, Status, Calibration, ImageAttachment,
     )
 }  # fmt: skip
 

@@ -6,13 +6,14 @@ A query object that is kept alive keeps the asking app waiting until its own tim
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import msgspec
 import zenoh
 from msgspec import Struct
 
-from ptzd.bus.messages import ErrorReply, encoding
+from ptzd.bus.messages import IMAGE_ENCODING, ErrorReply, encoding
 
 BUSY = ErrorReply(code="busy", message="too many messages are waiting; ask again later")
 
@@ -82,6 +83,15 @@ class PendingQueries:
         waiting = self._take(token)
         if waiting is not None:
             reply(waiting.query, waiting.key, msgspec.json.encode(message), type(message).__name__)
+        return waiting is not None
+
+    def reply_image(self, token: int, jpeg: bytes, attachment: Mapping[str, object]) -> bool:
+        """Answer with a picture, in the form in which it is published; False when the query is no longer waiting."""
+        waiting = self._take(token)
+        if waiting is not None:
+            with waiting.query as query:
+                encoded = msgspec.json.encode(attachment)
+                query.reply(waiting.key, jpeg, encoding=IMAGE_ENCODING, attachment=encoded)
         return waiting is not None
 
     def refuse(self, token: int, error: ErrorReply) -> bool:

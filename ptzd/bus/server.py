@@ -11,12 +11,12 @@ from typing import Self, cast
 import msgspec
 import zenoh
 
-from ptzd.bus.answers import Answers, LogHandler
+from ptzd.bus.answers import Answers, ImageHandler, LogHandler
 from ptzd.bus.arrivals import Arrivals
 from ptzd.bus.images import ImagePublisher
 from ptzd.bus.inbound import Inbound
 from ptzd.bus.intake import EventQueue
-from ptzd.bus.keys import Keys
+from ptzd.bus.keys import IMAGE_KEYS, Keys
 from ptzd.bus.messages import (
     Accepted,
     CancelReply,
@@ -28,6 +28,7 @@ from ptzd.bus.messages import (
     Plain,
     Point,
     RoiResult,
+    UpdateReply,
     encoding,
 )
 from ptzd.bus.pending import PendingQueries
@@ -43,7 +44,15 @@ from ptzd.control.commands import (
     ReplyOutcome,
     ReplyRefused,
 )
-from ptzd.control.events import CancelReceived, ControlReceived, Event, PayloadRefused, RequestReceived, Verb
+from ptzd.control.events import (
+    CancelReceived,
+    ControlReceived,
+    Event,
+    PayloadRefused,
+    RequestReceived,
+    UpdateReceived,
+    Verb,
+)
 from ptzd.ports import Clock
 
 ANSWER_WITHIN_S = 2.0
@@ -153,10 +162,11 @@ class ZenohBus:
                 self._pending.reply(command.token, Accepted(id=command.id, frame=frame, position=command.position))
             case ReplyRefused():
                 error = ErrorReply(code=command.code, message=command.message, field=command.field)
-                self._pending.refuse(command.token, error)
+                if command.token is not None:
+                    self._pending.refuse(command.token, error)
             case ReplyOutcome():
-                cancel = (self._pending.key_of(command.token) or "").endswith("/cancel")
-                outcome = CancelReply if cancel else ControlReply
+                leaf = (self._pending.key_of(command.token) or "").rpartition("/")[2]
+                outcome = {"cancel": CancelReply, "update": UpdateReply}.get(leaf, ControlReply)
                 self._pending.reply(command.token, outcome(outcome=command.outcome))
             case PublishFeedback():
                 self._publish_feedback(command)
@@ -175,6 +185,8 @@ class ZenohBus:
             self._answers.more = dict(document)
             self._publish_status()
         else:
+            if key == "pose":
+                self._answers.pose = document
             self._put(key, document, key.rpartition("/")[2].capitalize())
 
     def publish_image(self, key: str, jpeg: bytes, attachment: dict[str, object]) -> None:
@@ -188,6 +200,10 @@ class ZenohBus:
     def set_calibration(self, document: Mapping[str, object]) -> None:
         """What a query on ``calibration`` is answered with: the parsed ``rig.yaml``."""
         self._answers.calibration = document
+
+    def on_image_query(self, handler: ImageHandler) -> None:
+        """Register who has the newest picture of ``image/…`` for those who ask instead of listening."""
+        self._answers.image_handler = handler
 
     def on_log_query(self, handler: LogHandler) -> None:
         """Register who lists (``list``) or cuts (``rotate``) the log; it returns the closed files, oldest first."""
@@ -206,13 +222,18 @@ class ZenohBus:
         keys, session = self._keys, self._session
         urgent, requests, reads = Arrivals(session, 64), Arrivals(session, 64), Arrivals(session, 256)
         updates = Arrivals(session, 64, evict=True)
-        urgent.answer(keys.of_request("*", "cancel"), self._inbound.on_cancel)
-        for verb in Verb:
-            urgent.answer(keys.full(f"control/{verb}"), self._inbound.on_control(verb))
+        for declare in (urgent.answer, urgent.listen):
+            declare(keys.of_request("*", "cancel"), self._inbound.on_cancel)
+            for verb in Verb:
+                declare(keys.full(f"control/{verb}"), self._inbound.on_control(verb))
         requests.answer(keys.full("roi"), self._inbound.on_request)
         requests.listen(keys.full("roi"), self._inbound.on_request)
+        requests.answer(keys.of_request("*", "update"), self._inbound.on_update)
         updates.listen(keys.of_request("*", "update"), self._inbound.on_update)
         reads.answer(keys.full("status"), self._answers.on_status)
+        reads.answer(keys.full("pose"), self._answers.on_pose)
+        for key in IMAGE_KEYS:
+            reads.answer(keys.full(key), self._answers.on_image(key))
         reads.answer(keys.of_request("*", "result"), self._answers.on_result)
         reads.answer(keys.full("calibration"), self._answers.on_calibration)
         reads.answer(keys.full("log"), self._answers.on_log)
@@ -220,7 +241,7 @@ class ZenohBus:
 
     def _still_wanted(self, event: Event) -> bool:
         """An event whose query has been told ``internal`` must not take effect any more."""
-        if isinstance(event, RequestReceived | PayloadRefused | CancelReceived | ControlReceived):
+        if isinstance(event, RequestReceived | PayloadRefused | UpdateReceived | CancelReceived | ControlReceived):
             return event.token is None or self._pending.waits(event.token)
         return True
 

@@ -13,6 +13,8 @@ from ptzd.bus.decode import MAX_PAYLOAD_BYTES
 from ptzd.config import BusSettings
 from ptzd.errors import BusError, ConfigError
 
+SILENT_BYTES = 8 * MAX_PAYLOAD_BYTES
+"""Longer requests are dropped before they are looked at; between the two limits the sender is told ``too_large``."""
 DEFAULTS: dict[str, object] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
@@ -30,7 +32,7 @@ DEFAULTS: dict[str, object] = {
             "flows": ["ingress"],
             "messages": ["put", "query"],
             "key_exprs": ["**/roi/**"],
-            "size_limit": MAX_PAYLOAD_BYTES,
+            "size_limit": SILENT_BYTES,
         }
     ],
 }

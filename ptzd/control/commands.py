@@ -87,7 +87,8 @@ class ReplyAccepted(Command):
 class ReplyRefused(Command):
     """Answer any query with an error."""
 
-    token: int
+    token: int | None
+    """None: it came by a put, and only the journal can be told."""
     code: str
     message: str
     field: str

@@ -78,18 +78,38 @@ class Desk:
             reason = f"{refused.field}: {refused.message}"
             self._publish(_bare_result(request_id, "", outcome, reason, elapsed_ms=0))
 
+    def refuse_payload(self, event: ev.PayloadRefused) -> None:
+        """Say to whoever can be told that a message is none."""
+        refused = RequestRefused(event.code, event.message, event.field)
+        self.refuse(event.token, refused, event.id)
+        if event.token is None and event.about is not None:
+            self.note_refusal(event.about, "message", refused)
+
+    def note_refusal(self, request_id: str, what: str, refused: RequestRefused) -> None:
+        """Tell whoever follows a request what was refused of it."""
+        detail: dict[str, object] = {"text": f"{what} refused: {refused.field}: {refused.message}"}
+        self.work.out.append(cmd.PublishFeedback(id=request_id, step="note", detail=detail))
+
+    def refuse_update(self, event: ev.UpdateReceived, refused: RequestRefused, *, told: bool) -> None:
+        """Answer the query; tell a put's refusal as feedback when it is to be told."""
+        if event.token is not None:
+            self.refuse(event.token, refused)
+        if told:
+            self.note_refusal(event.id, "update", refused)
+
     def adopt_update(self, event: ev.UpdateReceived) -> Request | None:
         """Take a newer box of a request; None when it is not known or the update is not acceptable."""
         request = self.find(event.id)
         if request is None:
+            unknown = RequestRefused("unknown_id", f"no request {event.id} is active or waiting", "$.id")
+            self.refuse_update(event, unknown, told=event.told and event.token is None)
             return None
         frame_ns, memory, work = event.frame_t_capture_ns, self._memory, self.work
         try:
             admission.check_box(event.box, work.rig)
             frame = admission.resolve_frame(event.frame_seq, frame_ns, memory, event.t_ns, work.config)
         except RequestRefused as refused:
-            detail: dict[str, object] = {"text": f"update refused: {refused.field}: {refused.message}"}
-            work.out.append(cmd.PublishFeedback(id=event.id, step="note", detail=detail))
+            self.refuse_update(event, refused, told=True)
             return None
         if memory.active is not None and memory.active.request is request:
             request.newer_box, request.newer_frame = event.box, frame
@@ -97,17 +117,21 @@ class Desk:
             request.box, request.frame = event.box, frame
         work.out.append(cmd.PinFrame(request_id=request.id, frame=frame))
         work.out.append(cmd.PublishFeedback(id=event.id, step="update", detail={"seq": frame.seq}))
+        if event.token is not None:
+            work.out.append(cmd.ReplyOutcome(token=event.token, outcome="updated"))
         return request
 
     def answer_cancel(self, event: ev.CancelReceived) -> None:
         """Say how the request ended, by this cancel or before it."""
         outcome = self.ended(event.id)
-        if event.token is None:
-            return
         if outcome is None:
             message = f"no request {event.id} is active, waiting or lately ended"
-            self.refuse(event.token, RequestRefused("unknown_id", message, "$.id"))
-        else:
+            unknown = RequestRefused("unknown_id", message, "$.id")
+            if event.token is None:
+                self.note_refusal(event.id, "cancel", unknown)
+            else:
+                self.refuse(event.token, unknown)
+        elif event.token is not None:
             self.work.out.append(cmd.ReplyOutcome(token=event.token, outcome=outcome))
 
     def end_waiting(self, request: Request, outcome: Outcome, reason: str) -> None:

@@ -74,6 +74,8 @@ class PayloadRefused(Event):
     field: str
     id: str | None = None
     """The request's id where it could be read: a put with an id gets a result, a query an error reply."""
+    about: str | None = None
+    """The request that a put wanted to change: it goes on, and whoever follows it hears of the refusal."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,6 +86,10 @@ class UpdateReceived(Event):
     box: Box
     frame_seq: int | None = None
     frame_t_capture_ns: int | None = None
+    token: int | None = None
+    """Names the query to answer; None for a put."""
+    told: bool = False
+    """Whether a put for a request that is not there is told as feedback; false in logs whose daemon kept silent."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,6 +97,7 @@ class CancelReceived(Event):
     """The client no longer wants the request."""
 
     token: int | None
+    """Names the query to answer; None for a put."""
     id: str
 
 
@@ -99,6 +106,7 @@ class ControlReceived(Event):
     """An operator's verb."""
 
     token: int | None
+    """Names the query to answer; None for a put."""
     verb: Verb
 
 

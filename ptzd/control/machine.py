@@ -143,7 +143,7 @@ class Machine:
         self._start_next()
 
     def _on_payload_refused(self, event: ev.PayloadRefused) -> None:
-        self._desk.refuse(event.token, RequestRefused(event.code, event.message, event.field), event.id)
+        self._desk.refuse_payload(event)
 
     def _on_update(self, event: ev.UpdateReceived) -> None:
         request, active = self._desk.adopt_update(event), self._memory.active

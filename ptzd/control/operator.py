@@ -62,9 +62,9 @@ class Operator:
         elif serving:
             self.go_home()
             self.reply(event.token, event.verb)
-        elif event.token is not None:
-            refused = RequestRefused("device_lost", f"the head cannot move: {memory.ptz}")
-            self.desk.refuse(event.token, refused)
+        else:
+            message = f"the head cannot move: {memory.ptz}"
+            self.work.out.append(cmd.ReplyRefused(token=event.token, code="device_lost", message=message, field="$"))
 
     def stop_confirmed(self) -> None:
         """The camera stands."""
@@ -131,7 +131,7 @@ class Operator:
             self.stop_failed("the daemon is stopping")
         elif isinstance(event, ev.RequestReceived):
             self.desk.refuse(event.token, RequestRefused("stopping", "the daemon is stopping"), event.id)
-        elif isinstance(event, ev.CancelReceived | ev.ControlReceived | ev.PayloadRefused):
+        elif isinstance(event, ev.CancelReceived | ev.ControlReceived | ev.PayloadRefused | ev.UpdateReceived):
             self.desk.refuse(event.token, RequestRefused("stopping", "the daemon is stopping"))
         if self._memory.stop_until_ns is None:
             self._finish()

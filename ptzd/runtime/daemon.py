@@ -15,9 +15,10 @@ from ptzd.control.machine import RING_FRAMES, Machine
 from ptzd.control.states import State
 from ptzd.errors import DeviceError
 from ptzd.geometry.rig import Rig
-from ptzd.model import HeadReading, Motion
-from ptzd.ports import Bus, Clock, EventLog, FrameSource, HeadPoll, Perception, Picture, PtzHead
+from ptzd.model import Motion
+from ptzd.ports import Bus, Clock, EventLog, FrameSource, HeadPoll, Perception, PtzHead
 from ptzd.runtime.frames import FrameStore
+from ptzd.runtime.gallery import Gallery
 from ptzd.runtime.hands import Hands
 from ptzd.runtime.narrator import Narrator
 from ptzd.runtime.overlays import Overlays
@@ -72,7 +73,8 @@ class Daemon:
         self._answering = answering
         self._serving = serving
         self.frames = FrameStore(RING_FRAMES + SPARE_FRAMES)
-        self.overlays = Overlays(bus=bus, frames=self.frames)
+        self.overlays = Overlays(rig=rig, bus=bus, frames=self.frames)
+        self.gallery = Gallery(rig=rig, bus=bus, overlays=self.overlays)
         machine = Machine(rig, config)
         observers = (self.overlays.seen, Narrator().seen, self._watch_readiness, *watching)
         self.pump = Pump(machine=machine, clock=clock, log=log, bus=bus, frames=self.frames, observers=observers)
@@ -82,10 +84,10 @@ class Daemon:
             frames=self.frames,
             log=log,
             size_px=rig.fisheye.size_px,
-            shown=self._show_fisheye,
+            shown=self.gallery.show_fisheye,
         )
         self.head_watch = HeadWatch(
-            head=head, tell=self.pump.tell, log=log, polled=self._publish_pose, shown=self._show_ptz
+            head=head, tell=self.pump.tell, log=log, polled=self._publish_pose, shown=self.gallery.show_ptz
         )
         self._hands = self.pump.hands = Hands(
             tell=self.pump.tell,
@@ -181,21 +183,3 @@ class Daemon:
         document = self.pose_document(poll)
         self._bus.publish("pose", document)
         self._log.document("/pose", poll.t_ns, document)
-
-    def _show_fisheye(self, picture: Picture) -> None:
-        if self._bus.image_wanted("image/fisheye"):
-            width, height = self._rig.fisheye.size_px
-            self._bus.publish_image("image/fisheye", picture.jpeg, _attachment(picture, width, height))
-
-    def _show_ptz(self, picture: Picture, reading: HeadReading, motion: Motion) -> None:
-        if not self._bus.image_wanted("image/ptz"):
-            return
-        width, height = self._rig.zoom.size_px
-        pan, tilt = self._rig.head.pan_tilt_from_vapix(reading)
-        attachment = _attachment(picture, width, height)
-        attachment |= {"pan_deg": math.degrees(pan), "tilt_deg": math.degrees(tilt), "zoom": reading.zoom}
-        self._bus.publish_image("image/ptz", picture.jpeg, attachment | {"motion": motion.value})
-
-
-def _attachment(picture: Picture, width: int, height: int) -> dict[str, object]:
-    return {"seq": picture.frame.seq, "t_capture_ns": picture.frame.t_capture_ns, "w": width, "h": height}

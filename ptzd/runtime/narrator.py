@@ -11,6 +11,9 @@ from ptzd.model import Outcome
 
 _log = logging.getLogger("ptzd")
 _GOOD = frozenset({Outcome.LOCKED, Outcome.RELEASED, Outcome.CANCELLED, Outcome.PREEMPTED})
+REFUSALS = 10
+"""Lines about refusals within :data:`REFUSALS_NS`; what is beyond is counted and told afterwards."""
+REFUSALS_NS = 10_000_000_000
 
 
 class Narrator:
@@ -18,10 +21,13 @@ class Narrator:
 
     def __init__(self) -> None:
         self._state = ""
+        self._since_ns = 0
+        self._refusals = 0
 
     def seen(self, sequence: int, event: ev.Event, commands: list[cmd.Command]) -> None:
         """Look at one step."""
         del sequence
+        self._tell_untold(event.t_ns)
         match event:
             case ev.DeviceLost():
                 _log.error("%s lost: %s", event.device, event.reason, extra={"device": event.device})
@@ -29,19 +35,23 @@ class Narrator:
                 _log.info("%s is well", event.device, extra={"device": event.device})
             case ev.RequestReceived() if any(isinstance(command, cmd.PinFrame) for command in commands):
                 _log.info("request %s accepted", event.id, extra={"request": event.id})
+            case ev.PayloadRefused(token=None):
+                self._refused(event.t_ns, event.field, event.message, event.code)
             case ev.MatchFailed():
                 _log.warning("match %d failed: %s", event.match_id, event.reason)
             case ev.ForeignMotion():
                 _log.warning("somebody else moves the camera", extra={"device": ev.Device.PTZ})
+            case ev.UpdateReceived(token=None) | ev.CancelReceived(token=None):
+                self._unheard(event, commands)
             case _:
                 pass
         for command in commands:
-            self._tell(command)
+            self._tell(command, event.t_ns)
 
-    def _tell(self, command: cmd.Command) -> None:
+    def _tell(self, command: cmd.Command, t_ns: int) -> None:
         match command:
             case cmd.ReplyRefused():
-                _log.warning("refused: %s: %s (%s)", command.field, command.message, command.code)
+                self._refused(t_ns, command.field, command.message, command.code)
             case cmd.PublishResult():
                 level = logging.INFO if command.outcome in _GOOD else logging.WARNING
                 text = "request %s: %s after %.1f s: %s"
@@ -54,3 +64,25 @@ class Narrator:
                 self._state = command.state
             case _:
                 pass
+
+    def _unheard(self, event: ev.UpdateReceived | ev.CancelReceived, commands: list[cmd.Command]) -> None:
+        """A put that was refused: what the feedback says, for the journal."""
+        for command in commands:
+            if isinstance(command, cmd.PublishFeedback) and command.id == event.id and command.step == "note":
+                self._refused(event.t_ns, "$", f"{event.id}: {command.detail.get('text', '')}", "put")
+
+    def _refused(self, t_ns: int, field: str, message: str, code: str) -> None:
+        """Whoever sends nonsense by the thousand must not fill the journal."""
+        if not self._refusals:
+            self._since_ns = t_ns
+        self._refusals += 1
+        if self._refusals <= REFUSALS:
+            _log.warning("refused: %s: %s (%s)", field, message, code)
+
+    def _tell_untold(self, t_ns: int) -> None:
+        if not self._refusals or t_ns - self._since_ns < REFUSALS_NS:
+            return
+        if self._refusals > REFUSALS:
+            seconds = (t_ns - self._since_ns) / 1e9
+            _log.warning("refused: %d more within %.0f s, not shown", self._refusals - REFUSALS, seconds)
+        self._refusals = 0

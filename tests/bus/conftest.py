@@ -12,7 +12,7 @@ from ptzd.bus.client import Client
 from ptzd.bus.server import ZenohBus
 from ptzd.config import BusSettings
 from ptzd.control.commands import PublishResult, ReplyAccepted, ReplyOutcome, ReplyRefused
-from ptzd.control.events import CancelReceived, ControlReceived, Event, PayloadRefused, RequestReceived
+from ptzd.control.events import CancelReceived, ControlReceived, Event, PayloadRefused, RequestReceived, UpdateReceived
 from ptzd.model import FrameRef, Outcome
 
 PATIENCE_S = 100.0
@@ -65,6 +65,8 @@ def answer(bus: ZenohBus, event: Event) -> None:
             bus.perform(result_of(request_id, Outcome.REJECTED, event.message))
         case CancelReceived(token=int() as token):
             bus.perform(ReplyOutcome(token=token, outcome="cancelled"))
+        case UpdateReceived(token=int() as token):
+            bus.perform(ReplyOutcome(token=token, outcome="updated"))
         case ControlReceived(token=int() as token, verb=verb):
             bus.perform(ReplyOutcome(token=token, outcome=f"{verb} done"))
         case _:

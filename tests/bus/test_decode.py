@@ -168,11 +168,12 @@ def test_readable_id_of_a_refused_put_is_passed_on():
 
 
 def test_update_becomes_an_event_or_a_refusal_that_ends_nothing():
-    good = update_event(b'{"box":{"x":1,"y":2,"w":9,"h":9},"frame":{"seq":4}}', 3, "a")
-    assert good == UpdateReceived(t_ns=3, id="a", box=Box(x=1.0, y=2.0, w=9.0, h=9.0), frame_seq=4)
-    bad = update_event(b'{"id":"a","box":{"x":1,"y":2,"w":9,"h":9}}', 3, "a")
+    good = update_event(b'{"box":{"x":1,"y":2,"w":9,"h":9},"frame":{"seq":4}}', 3, "a", 8)
+    box = Box(x=1.0, y=2.0, w=9.0, h=9.0)
+    assert good == UpdateReceived(t_ns=3, id="a", box=box, frame_seq=4, token=8, told=True)
+    bad = update_event(b'{"id":"a","box":{"x":1,"y":2,"w":9,"h":9}}', 3, "a", None)
     assert isinstance(bad, PayloadRefused)
-    assert (bad.field, bad.id, bad.token) == ("$.id", None, None)
+    assert (bad.field, bad.id, bad.token, bad.about) == ("$.id", None, None, "a")
     assert bad.message.startswith("update of a: ")
 
 

@@ -291,6 +291,54 @@ def test_unknown_cancel_is_refused(world) -> None:
     assert refused.code == "unknown_id"
 
 
+def notes(commands) -> list[tuple[str, str]]:
+    return [(told.id, told.detail["text"]) for told in commands if isinstance(told, cmd.PublishFeedback)]
+
+
+def test_an_unknown_cancel_by_put_is_told_as_feedback(world) -> None:
+    commands = world.tell(ev.CancelReceived(t_ns=world.t_ns, token=None, id="nobody"))
+    assert notes(commands) == [
+        ("nobody", "cancel refused: $.id: no request nobody is active, waiting or lately ended"),
+    ]
+
+
+@pytest.mark.parametrize(("token", "told", "noted"), [(None, True, 1), (None, False, 0), (5, True, 0)])
+def test_an_update_of_an_unknown_id_is_refused_to_whoever_can_hear(world, token, told, noted) -> None:
+    box = Box(x=350, y=230, w=40, h=32)
+    commands = world.tell(ev.UpdateReceived(t_ns=world.t_ns, id="nobody", box=box, token=token, told=told))
+    assert len(notes(commands)) == noted
+    refusals = [(command.token, command.code) for command in commands if isinstance(command, cmd.ReplyRefused)]
+    assert refusals == ([(5, "unknown_id")] if token else [])
+
+
+def test_an_update_by_query_is_answered(world) -> None:
+    world.request("a")
+    world.frame(6)
+    good, outside = Box(x=350, y=230, w=40, h=32), Box(x=9000, y=230, w=40, h=32)
+    taken = world.tell(ev.UpdateReceived(t_ns=world.t_ns, id="a", box=good, frame_seq=6, token=7))
+    assert cmd.ReplyOutcome(token=7, outcome="updated") in taken
+    refused = world.tell(ev.UpdateReceived(t_ns=world.t_ns, id="a", box=outside, frame_seq=6, token=8))
+    assert [command.token for command in refused if isinstance(command, cmd.ReplyRefused)] == [8]
+    assert len(notes(refused)) == 1
+
+
+def test_a_message_about_a_request_that_is_none_is_told_to_it_and_it_goes_on(world) -> None:
+    world.request("a", hold_s=1.0)
+    garbled = ev.PayloadRefused(t_ns=world.t_ns, token=None, code="not_json", message="no JSON", field="$", about="a")
+    assert notes(world.tell(garbled)) == [("a", "message refused: $: no JSON")]
+    world.run()
+    assert world.results()["a"][0].outcome is Outcome.LOCKED
+
+
+@pytest.mark.parametrize("token", [None, 6])
+def test_a_home_that_cannot_be_is_refused_also_to_a_put(world, token) -> None:
+    world.tell(ev.DeviceLost(t_ns=world.t_ns, device=ev.Device.PTZ, reason="unplugged"))
+    commands = world.tell(ev.ControlReceived(t_ns=world.t_ns, token=token, verb=ev.Verb.HOME))
+    assert [(command.token, command.code) for command in commands if isinstance(command, cmd.ReplyRefused)] == [
+        (token, "device_lost")
+    ]
+
+
 def test_the_ring_forgets(world) -> None:
     for seq in range(1, 400):
         world.t_ns += 1_000_000

@@ -62,3 +62,30 @@ def test_a_state_is_told_when_it_changes(lines) -> None:
     assert [text for _, text in lines(QUIET, status("IDLE"))] == ["– → IDLE"]
     assert lines(QUIET, status("IDLE")) == []
     assert lines(QUIET, status("FAULT")) == [(logging.ERROR, "IDLE → FAULT")]
+
+
+def refused_put(t_ns: int) -> ev.PayloadRefused:
+    return ev.PayloadRefused(t_ns=t_ns, token=None, code="not_json", message="no JSON", field="$")
+
+
+def test_a_put_that_is_no_message_gets_a_line_and_a_flood_of_them_a_few_and_a_count(lines) -> None:
+    shown = [lines(refused_put(k)) for k in range(1000)]
+    assert shown[0] == [(logging.WARNING, "refused: $: no JSON (not_json)")]
+    assert sum(map(len, shown)) == 10
+    later = 11_000_000_000
+    assert lines(ev.HeadStopped(t_ns=later)) == [(logging.WARNING, "refused: 990 more within 11 s, not shown")]
+    assert lines(ev.HeadStopped(t_ns=later + 1)) == []
+    assert len(lines(refused_put(later + 2))) == 1
+
+
+def test_a_query_s_refusal_is_told_once(lines) -> None:
+    event = ev.PayloadRefused(t_ns=1, token=4, code="not_json", message="no JSON", field="$")
+    assert lines(event, cmd.ReplyRefused(token=4, code="not_json", message="no JSON", field="$")) == [
+        (logging.WARNING, "refused: $: no JSON (not_json)")
+    ]
+
+
+@pytest.mark.parametrize("event", [ev.CancelReceived(t_ns=1, token=None, id="a")])
+def test_what_a_put_could_not_do_gets_a_line(lines, event) -> None:
+    note = cmd.PublishFeedback(id="a", step="note", detail={"text": "cancel refused: $.id: no request a"})
+    assert lines(event, note) == [(logging.WARNING, "refused: $: a: cancel refused: $.id: no request a (put)")]

@@ -48,13 +48,13 @@ def test_the_box_is_drawn_where_it_was_found(jpeg) -> None:
     ("wanted", "found", "kept"), [(True, True, True), (False, True, True), (True, False, True), (True, True, False)]
 )
 async def test_an_overlay_is_offered_when_somebody_looks_and_something_was_found(
-    bus, picture, wanted: bool, found: bool, kept: bool
+    rig, bus, picture, wanted: bool, found: bool, kept: bool
 ) -> None:
     frames, view = FrameStore(4), picture(2)
     if kept:
         frames.add_view(view)
     bus.wanted = {"image/overlay"} if wanted else set()
-    overlays = Overlays(bus=bus, frames=frames)
+    overlays = Overlays(rig=rig, bus=bus, frames=frames)
     overlays.seen(1, ev.HeadStopped(t_ns=0), [run_match(view.frame)])
     overlays.seen(2, finished(*([candidate()] if found else [])), [])
     await overlays.close()
@@ -65,9 +65,9 @@ async def test_an_overlay_is_offered_when_somebody_looks_and_something_was_found
         assert attachment["zoom"] == 7.0
 
 
-async def test_an_answer_nobody_asked_for_is_not_drawn(bus) -> None:
+async def test_an_answer_nobody_asked_for_is_not_drawn(rig, bus) -> None:
     bus.wanted = {"image/overlay"}
-    overlays = Overlays(bus=bus, frames=FrameStore(4))
+    overlays = Overlays(rig=rig, bus=bus, frames=FrameStore(4))
     overlays.seen(2, finished(candidate()), [])
     await overlays.close()
     assert bus.images == []
