@@ -54,9 +54,7 @@ def decode_file(data: bytes) -> Pixels:
     flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
     pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
     if pixels is None:
-        raise DeviceGarbled(
-            f"not a picture: {len(data)} bytes that begin with {data[:8].hex(' ')} cannot be decoded"
-        )
+        raise DeviceGarbled(f"not a picture: {len(data)} bytes that begin with {data[:8].hex(' ')} cannot be decoded")
     return np.asarray(pixels, np.uint8)
 
 
