@@ -112,7 +112,8 @@ async def test_a_daemon_that_goes_away_is_noticed_while_waiting(endpoint, clock,
 async def test_update_reaches_the_core(core, client):
     await client.update("a", BOX, frame_t_capture_ns=9)
     (event,) = await core.until(1)
-    assert event == UpdateReceived(t_ns=event.t_ns, id="a", box=Box(x=1, y=2, w=30, h=40), frame_t_capture_ns=9)
+    box = Box(x=1, y=2, w=30, h=40)
+    assert event == UpdateReceived(t_ns=event.t_ns, id="a", box=box, frame_t_capture_ns=9, told=True)
 
 
 async def test_nobody_there_is_said(client, endpoint):

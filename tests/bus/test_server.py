@@ -104,12 +104,17 @@ async def test_put_is_an_event_without_a_token_and_a_refused_one_gets_its_result
 
 
 async def test_a_megabyte_never_arrives(core, raw):
-    for size in (9_000, 1_000_000):
+    for size in (70_000, 1_000_000):
         assert await ask(raw, "ptzd/hall/roi", b"x" * size, 0.3).wait() == []
         put(raw, "ptzd/hall/roi", b"x" * size)
     (reply,) = await ask(raw, "ptzd/hall/roi", body()).wait()
     assert reply.ok is not None
     assert len(core.seen) == 1
+
+
+async def test_a_little_too_long_is_refused_by_name(core, raw):
+    (reply,) = await ask(raw, "ptzd/hall/roi", b"x" * 9_000).wait()
+    assert json.loads(reply.err.payload.to_bytes())["code"] == "too_large"
 
 
 async def test_without_the_filter_a_megabyte_is_refused_unread(endpoint, clock, tmp_path):
