@@ -14,20 +14,19 @@ Whoever cannot use Python needs no more than a Zenoh client and JSON: ``ptzd sch
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import secrets
 from collections.abc import AsyncIterator, Sequence
-from dataclasses import dataclass
 from types import TracebackType
 from typing import Literal, Self
 
 import msgspec
-import zenoh
-from zenoh.handlers import Callback
 
-from ptzd.bus.asking import ask, ask_one, decoded, rigs_alive
+from ptzd.bus.asking import ask, ask_one, rigs_alive, rigs_answering
+from ptzd.bus.decode import decode
 from ptzd.bus.following import Following
-from ptzd.bus.inbox import Inbox
-from ptzd.bus.keys import Keys
+from ptzd.bus.keys import ANY_RIG, Keys, check_id
+from ptzd.bus.listening import BusImage, Notice, images, notices
 from ptzd.bus.messages import (
     Accepted,
     BoxPx,
@@ -36,10 +35,8 @@ from ptzd.bus.messages import (
     Empty,
     Feedback,
     FrameName,
-    ImageAttachment,
     LogReply,
     LogRequest,
-    Pose,
     RangeM,
     RoiRequest,
     RoiResult,
@@ -55,21 +52,11 @@ BoxLike = BoxPx | tuple[float, float, float, float]
 """A box, or its x, y, w, h in px of the fisheye picture."""
 Verb = Literal["home", "stop", "hold", "release"]
 ImageKey = Literal["fisheye", "ptz", "overlay"]
-Notice = Status | Pose | Feedback | RoiResult
 
 RESYNC_S = 2.0
 """A published result can get lost on the way: while waiting for one, the kept one is asked for this often."""
 ENDED_KEPT = 256
 """Requests that have ended and whose result is remembered here."""
-_NOTICES: dict[str, type[Notice]] = {"status": Status, "pose": Pose, "feedback": Feedback, "result": RoiResult}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BusImage:
-    """A picture from the bus."""
-
-    jpeg: bytes
-    attachment: ImageAttachment
 
 
 class Client:
@@ -188,7 +175,7 @@ class Client:
             When nobody answers.
         """
         request = RoiRequest(
-            id=id or secrets.token_hex(8),
+            id=secrets.token_hex(8) if id is None else id,
             box=_box(box),
             frame=_frame(frame_seq, frame_t_capture_ns),
             range_m=RangeM(min=range_m[0], max=range_m[1]) if range_m else None,
@@ -199,6 +186,8 @@ class Client:
             priority=priority,
             label=label,
         )
+        check_id(request.id)
+        decode(msgspec.json.encode(request), RoiRequest)
         known = request.id in self._following
         keys = await self._keys()
         self._follow(keys, request.id)
@@ -268,13 +257,28 @@ class Client:
         frame_seq: int | None = None,
         frame_t_capture_ns: int | None = None,
     ) -> None:
-        """Tell where the target of a request is now; sent without an answer."""
+        """Tell where the target of a request is now; sent without an answer.
+
+        Raises
+        ------
+        RequestRefused
+            When the id or the box is none.
+        """
         update = RoiUpdate(box=_box(box), frame=_frame(frame_seq, frame_t_capture_ns))
+        decode(msgspec.json.encode(update), RoiUpdate)
         key = (await self._keys()).of_request(request_id, "update")
         self._session.put(key, msgspec.json.encode(update), encoding=encoding("RoiUpdate"), express=True)
 
     async def control(self, verb: Verb) -> str:
-        """Operator's verb: ``home``, ``stop``, ``hold`` or ``release``; returns what it did."""
+        """Operator's verb: ``home``, ``stop``, ``hold`` or ``release``; returns what it did.
+
+        A stop by a client that names no rig goes to every rig there, so that nothing need be found out before it.
+        """
+        if verb == "stop" and self._rig is None:
+            with contextlib.suppress(BusError):  # nobody may ask all rigs at once; then the one that is there
+                everywhere = Keys(self._prefix, ANY_RIG).full("control/stop")
+                stopped = await ask(self._session, everywhere, ControlReply, self._timeout_s, Empty())
+                return ", ".join(sorted({reply.outcome for _, reply in stopped}))
         key = (await self._keys()).full(f"control/{verb}")
         return (await ask_one(self._session, key, ControlReply, self._timeout_s, Empty())).outcome
 
@@ -284,8 +288,8 @@ class Client:
 
     async def calibration(self) -> dict[str, object]:
         """The loaded calibration, as in ``rig.yaml``."""
-        replies = await ask(self._session, (await self._keys()).full("calibration"), self._timeout_s)
-        return decoded(replies[0].payload.to_bytes(), dict[str, object])
+        key = (await self._keys()).full("calibration")
+        return await ask_one(self._session, key, dict[str, object], self._timeout_s)
 
     async def log_files(self, *, rotate: bool = False) -> tuple[str, ...]:
         """Closed log files, oldest first; with ``rotate`` the current one is closed before."""
@@ -295,40 +299,21 @@ class Client:
 
     async def watch(self) -> AsyncIterator[Notice]:
         """Everything the rig says from now on: status, pose, feedback and results of all requests."""
-        keys = await self._keys()
-        inbox: Inbox[zenoh.Sample] = Inbox(asyncio.get_running_loop(), 1024, evict=True)
-        told = [
-            keys.full("status"),
-            keys.full("pose"),
-            keys.of_request("*", "feedback"),
-            keys.of_request("*", "result"),
-        ]
-        subscribers = [self._session.declare_subscriber(key, Callback(inbox.push, indirect=False)) for key in told]
-        try:
-            while True:
-                for sample in await inbox.take():
-                    leaf = str(sample.key_expr).rpartition("/")[2]
-                    yield decoded(sample.payload.to_bytes(), _NOTICES[leaf])
-        finally:
-            for subscriber in subscribers:
-                subscriber.undeclare()  # type: ignore[no-untyped-call]  # untyped in the stub
+        async for notice in notices(self._session, await self._keys()):
+            yield notice
 
     async def images(self, key: ImageKey) -> AsyncIterator[BusImage]:
         """Pictures as they come; one that is not fetched in time is replaced by the next."""
-        full = (await self._keys()).full(f"image/{key}")
-        inbox: Inbox[zenoh.Sample] = Inbox(asyncio.get_running_loop(), 1, evict=True)
-        subscriber = self._session.declare_subscriber(full, Callback(inbox.push, indirect=False))
-        try:
-            while True:
-                for sample in await inbox.take():
-                    attached = sample.attachment.to_bytes() if sample.attachment is not None else b"{}"
-                    yield BusImage(jpeg=sample.payload.to_bytes(), attachment=decoded(attached, ImageAttachment))
-        finally:
-            subscriber.undeclare()  # type: ignore[no-untyped-call]  # untyped in the stub
+        async for image in images(self._session, (await self._keys()).full(f"image/{key}")):
+            yield image
 
     async def _keys(self) -> Keys:
+        if self._rig == ANY_RIG:
+            raise RequestRefused("invalid", "rig '*': name one rig; `ptzd ls` lists those alive", "rig")
         if self._rig is None:
             alive = await self.rigs()
+            if len(alive) > 1:
+                alive = await rigs_answering(self._session, self._prefix, self._timeout_s) or alive
             if len(alive) != 1:
                 found = f"there are {', '.join(alive)}; name one" if alive else "no rig is alive there"
                 raise BusError(f"bus: {self._prefix}/* on {', '.join(self._connect)}: {found}")

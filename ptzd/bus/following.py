@@ -31,12 +31,13 @@ class Following:
 
     def __init__(self, session: zenoh.Session, keys: Keys, request_id: str) -> None:
         self._loop = asyncio.get_running_loop()
+        self._request_id = request_id
         self.result_key = keys.of_request(request_id, "result")
         self.result: asyncio.Future[RoiResult] = self._loop.create_future()
         """Done when the request has ended."""
         self._steps: Inbox[Feedback] = Inbox(self._loop, FEEDBACK_KEPT, evict=True)
         self._subscriber: zenoh.Subscriber[None] | None = session.declare_subscriber(
-            keys.of_request(request_id, "*"), Callback(self._receive, indirect=False)
+            self.result_key.rpartition("/")[0] + "/*", Callback(self._receive, indirect=False)
         )
 
     async def steps(self, wait_s: float) -> list[Feedback]:
@@ -67,7 +68,8 @@ class Following:
                 self._steps.push(msgspec.json.decode(sample.payload.to_bytes(), type=Feedback))
             elif leaf == "result":
                 result = msgspec.json.decode(sample.payload.to_bytes(), type=RoiResult)
-                self._loop.call_soon_threadsafe(self.settle, result)
-        except (msgspec.DecodeError, RuntimeError):
-            # Not from a ptzd, or our loop has ended: nothing that this request could be told.
+                if result.id == self._request_id:
+                    self._loop.call_soon_threadsafe(self.settle, result)
+        except (msgspec.DecodeError, UnicodeDecodeError, RuntimeError):
+            # Not from a ptzd (too deeply nested: RuntimeError), or our loop has ended: nothing to tell this request.
             return

@@ -18,11 +18,11 @@ from ptzd.model import MIN_BOX_SIDE_PX, Outcome
 VERSION = "v1"
 IMAGE_ENCODING = "image/jpeg"
 """Zenoh encoding of pictures; what they show is in the attachment, an ``ImageAttachment``."""
-
-# `$(?!\n)`: Python's `$` alone would let a trailing newline through.
-Id = Annotated[str, Meta(pattern=r"^[A-Za-z0-9._-]{1,64}$(?!\n)", description="1 to 64 of A-Z a-z 0-9 . _ -")]
+_END = r"$(?!\n)"
+"""End of a text: Python's ``$`` alone would let a trailing newline through."""
+Id = Annotated[str, Meta(pattern=rf"^[A-Za-z0-9._-]{{1,64}}{_END}", description="1 to 64 of A-Z a-z 0-9 . _ -")]
 Label = Annotated[
-    str, Meta(max_length=64, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$(?!\n)", description="free text, no control characters")
+    str, Meta(max_length=64, pattern=rf"^[^\x00-\x1f\x7f-\x9f]*{_END}", description="free text, no control characters")
 ]
 Pixel = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Side = Annotated[float, Meta(ge=MIN_BOX_SIDE_PX, le=1e6)]
@@ -293,5 +293,14 @@ def schema(name: str) -> dict[str, object]:
     if name not in MESSAGES:
         message = f"there is no message type {name!r}; there are {', '.join(message_types())}"
         raise RequestRefused("unknown_type", message)
-    body = msgspec.json.schema(MESSAGES[name])
+    body = _portable(msgspec.json.schema(MESSAGES[name]))
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": f"ptzd.{name}.{VERSION}", **body}
+
+
+def _portable(node: Any) -> Any:  # noqa: ANN401 - any JSON
+    """Patterns for every engine: in a schema ``$`` is the end, and RE2 and its kin refuse a look-ahead."""
+    if isinstance(node, dict):
+        return {key: _portable(value) for key, value in node.items()}
+    if isinstance(node, list):
+        return [_portable(value) for value in node]
+    return node.removesuffix(_END) + "$" if isinstance(node, str) and node.endswith(_END) else node

@@ -223,18 +223,18 @@ class ZenohBus:
         urgent, requests, reads = Arrivals(session, 64), Arrivals(session, 64), Arrivals(session, 256)
         updates = Arrivals(session, 64, evict=True)
         for declare in (urgent.answer, urgent.listen):
-            declare(keys.of_request("*", "cancel"), self._inbound.on_cancel)
+            declare(keys.of_all_requests("cancel"), self._inbound.on_cancel)
             for verb in Verb:
                 declare(keys.full(f"control/{verb}"), self._inbound.on_control(verb))
         requests.answer(keys.full("roi"), self._inbound.on_request)
         requests.listen(keys.full("roi"), self._inbound.on_request)
-        requests.answer(keys.of_request("*", "update"), self._inbound.on_update)
-        updates.listen(keys.of_request("*", "update"), self._inbound.on_update)
+        requests.answer(keys.of_all_requests("update"), self._inbound.on_update)
+        updates.listen(keys.of_all_requests("update"), self._inbound.on_update)
         reads.answer(keys.full("status"), self._answers.on_status)
         reads.answer(keys.full("pose"), self._answers.on_pose)
         for key in IMAGE_KEYS:
             reads.answer(keys.full(key), self._answers.on_image(key))
-        reads.answer(keys.of_request("*", "result"), self._answers.on_result)
+        reads.answer(keys.of_all_requests("result"), self._answers.on_result)
         reads.answer(keys.full("calibration"), self._answers.on_calibration)
         reads.answer(keys.full("log"), self._answers.on_log)
         return urgent, requests, updates, reads

@@ -7,7 +7,7 @@ import traceback
 from types import TracebackType
 
 from ptzd.cli.parser import parser
-from ptzd.errors import PtzdError
+from ptzd.errors import PtzdError, RequestRefused
 
 EX_OK = 0
 EX_SOFTWARE = 70
@@ -30,12 +30,19 @@ def entry(argv: list[str] | None = None) -> int:
     except PtzdError as error:
         if arguments.debug:
             traceback.print_exc()
-        print(f"ptzd: {error}", file=sys.stderr)
+        print(f"ptzd: {_told(error)}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:
         return EX_OK
+
+
+def _told(error: PtzdError) -> str:
+    """The message, with the field of a message that it is about."""
+    if isinstance(error, RequestRefused) and error.field.startswith("$."):
+        return f"{error.field.removeprefix('$.')}: {error}"
+    return str(error)
 
 
 def report_defect(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:

@@ -62,3 +62,18 @@ def test_absent_means_unknown():
     assert document == {"id": "a", "outcome": "not_found", "reason": "no", "elapsed_ms": 1, "views": 2}
     later = msgspec.json.decode(b'{"id":"a","position":1,"new_field":3}', type=Accepted)
     assert later == Accepted(id="a", position=1)
+
+
+@pytest.mark.parametrize("name", message_types())
+def test_schemas_are_read_by_engines_without_look_around(name: str):
+    assert "(?" not in json.dumps(schema(name))
+
+
+@pytest.mark.parametrize("text", ["a\n", "a b", "", "x" * 65, "ü", "a/b"])
+def test_schema_and_decoder_refuse_the_same_ids(text: str):
+    document = {"id": text, "box": {"x": 0, "y": 0, "w": 8, "h": 8}}
+    # `$` of a schema is the end alone; the validator's Python takes a newline before it.
+    if not text.endswith("\n"):
+        assert not jsonschema.Draft202012Validator(schema("RoiRequest")).is_valid(document)
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.json.decode(msgspec.json.encode(document), type=RoiRequest)

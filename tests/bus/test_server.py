@@ -389,8 +389,14 @@ async def test_port_in_use(bus, endpoint, clock):
         await ZenohBus(BusSettings(listen=(endpoint,)), "other", clock).__aenter__()
 
 
-async def test_failed_start_leaves_nothing_open(endpoint, clock):
+async def test_failed_start_leaves_nothing_open(endpoint, clock, monkeypatch):
+    def refuse(bus: ZenohBus) -> None:
+        raise zenoh.ZError("no more keys")
+
+    declare = ZenohBus._declare
+    monkeypatch.setattr(ZenohBus, "_declare", refuse)
     with pytest.raises(zenoh.ZError):
-        await ZenohBus(BusSettings(listen=(endpoint,)), "a//b", clock).__aenter__()
+        await ZenohBus(BusSettings(listen=(endpoint,)), "hall", clock).__aenter__()
+    monkeypatch.setattr(ZenohBus, "_declare", declare)
     async with ZenohBus(BusSettings(listen=(endpoint,)), "hall", clock):
         pass
