@@ -6,6 +6,7 @@ import logging
 import os
 import sys
 
+from ptzd.plain import plain
 from ptzd.runtime.journal import JournalHandler, goes_to_journal
 
 
@@ -13,8 +14,8 @@ class OneLine(logging.Formatter):
     """A record in one line, whatever it holds."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """Text without line breaks."""
-        return " ".join(super().format(record).split("\n"))
+        """Text without line breaks and control characters."""
+        return plain(" ".join(super().format(record).split("\n")))
 
 
 def set_up() -> None:
@@ -24,5 +25,5 @@ def set_up() -> None:
     handler: logging.Handler = plain
     if goes_to_journal(os.environ):
         handler = JournalHandler(plain)
-        handler.setFormatter(logging.Formatter("%(message)s"))
+        handler.setFormatter(OneLine("%(message)s"))
     logging.basicConfig(level=logging.INFO, handlers=[handler], force=True)

@@ -7,11 +7,13 @@ import asyncio
 from collections.abc import Awaitable, Callable
 
 import msgspec
-from rich.console import Console
+from rich.markup import escape
 
 from ptzd.app.clients import Client, Feedback, RoiResult, notices
+from ptzd.cli import terminal
 from ptzd.control.states import State
 from ptzd.control.wording import in_words
+from ptzd.plain import plain
 
 
 def _print_json(document: object) -> None:
@@ -54,7 +56,7 @@ def aim(arguments: argparse.Namespace) -> int:
         if arguments.json:
             _print_json(result)
         else:
-            print(f"{result.id}: {describe(result)}")
+            print(plain(f"{result.id}: {describe(result)}"))
         return 0 if result.outcome in {"locked", "released"} else 1
 
     return _with_client(arguments, work)
@@ -64,7 +66,12 @@ def _show_step(step: Feedback, *, as_json: bool) -> None:
     if as_json:
         _print_json(step)
         return
-    print(f"{step.id}: {step.step}: {in_words(step.detail)}", flush=True)
+    print(plain(f"{step.id}: {step.step}: {in_words(step.detail)}"), flush=True)
+
+
+def _said(text: str) -> str:
+    """What the rig says, for a console that reads markup."""
+    return escape(plain(text))
 
 
 def describe(result: RoiResult) -> str:
@@ -87,16 +94,18 @@ def status(arguments: argparse.Namespace) -> int:
         if arguments.json:
             _print_json(now)
             return 0
-        console = Console(highlight=False)
+        console = terminal.console()
         colour = "red" if now.state == State.FAULT else "green"
-        console.print(f"[bold {colour}]{now.state}[/] {now.phase}")
-        console.print(f"active    {now.active or '–'}    waiting {len(now.queue)}{'    held' if now.held else ''}")
-        console.print(f"fisheye   {now.fisheye}")
-        console.print(f"ptz       {now.ptz}")
+        console.print(f"[bold {colour}]{_said(now.state)}[/] {_said(now.phase)}")
+        console.print(
+            f"active    {_said(now.active or '–')}    waiting {len(now.queue)}{'    held' if now.held else ''}"
+        )
+        console.print(f"fisheye   {_said(now.fisheye)}")
+        console.print(f"ptz       {_said(now.ptz)}")
         if now.pose is not None:
             pose = now.pose
             console.print(f"pose      pan {pose.pan_deg:.2f}°, tilt {pose.tilt_deg:.2f}°, zoom {pose.zoom:g}")
-        console.print(f"log       {now.log.get('file', '–')}")
+        console.print(f"log       {_said(str(now.log.get('file', '–')))}")
         return 0
 
     return _with_client(arguments, work)
@@ -110,9 +119,10 @@ def watch(arguments: argparse.Namespace) -> int:
             if arguments.json:
                 _print_json({"type": name, **document})
             elif name in {"Feedback", "RoiResult"}:
-                print(f"{name}: {document}", flush=True)
+                print(plain(f"{name}: {document}"), flush=True)
             elif name == "Status":
-                print(f"Status: {document['state']} {document['phase']} active {document['active']}", flush=True)
+                line = f"Status: {document['state']} {document['phase']} active {document['active']}"
+                print(plain(line), flush=True)
         return 0
 
     return _with_client(arguments, work)
@@ -123,7 +133,7 @@ def cancel(arguments: argparse.Namespace) -> int:
 
     async def work(client: Client) -> int:
         outcome = await client.cancel(arguments.id)
-        print(f"{arguments.id}: {outcome}")
+        print(plain(f"{arguments.id}: {outcome}"))
         return 0
 
     return _with_client(arguments, work)
@@ -133,7 +143,7 @@ def control(arguments: argparse.Namespace) -> int:
     """Stop, home, hold, release."""
 
     async def work(client: Client) -> int:
-        print(await client.control(arguments.command))
+        print(plain(await client.control(arguments.command)))
         return 0
 
     return _with_client(arguments, work)

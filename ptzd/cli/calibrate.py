@@ -5,18 +5,18 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
 
 from ptzd.calibration.target import Target, TargetKind, parse_target
+from ptzd.cli import terminal
 from ptzd.errors import CalibrationError
+from ptzd.plain import plain, plain_lines
 
 if TYPE_CHECKING:
     from ptzd.app.calibrating import Outcome
@@ -102,8 +102,8 @@ def _add_ptz(steps: argparse._SubParsersAction[Any], parents: list[argparse.Argu
 
 
 def _say(text: str) -> None:
-    console = Console(file=sys.stderr, highlight=False, soft_wrap=True)
-    console.print(text, style="dim", markup=False)
+    console = terminal.console(stderr=True, soft_wrap=True)
+    console.print(plain_lines(text), style="dim", markup=False)
 
 
 def _show(outcome: Outcome, *, as_json: bool) -> int:
@@ -199,13 +199,13 @@ def _guidance() -> Iterator[Callable[[Advice], None]]:
     """A bar of the covered field on the terminal, with what to do now."""
     from ptzd.calibration.guide import Action
 
-    console = Console(file=sys.stderr, highlight=False, soft_wrap=True)
+    console = terminal.console(stderr=True, soft_wrap=True)
     columns = (BarColumn(), TaskProgressColumn(), TextColumn("{task.description}", markup=False))
     with Progress(*columns, console=console) as progress:
         task = progress.add_task("waiting for the camera", total=1.0)
 
         def show(advice: Advice) -> None:
-            progress.update(task, completed=advice.covered, description=f"{advice.taken} taken; {advice.text}")
+            progress.update(task, completed=advice.covered, description=plain(f"{advice.taken} taken; {advice.text}"))
             if advice.action is Action.TAKE:
                 console.print(f"picture {advice.taken}: {advice.covered:.0%} of the field covered", style="dim")
 

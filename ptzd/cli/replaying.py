@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from pathlib import Path
 
-from rich.console import Console
 from rich.progress import Progress
 
 from ptzd.app import replaying
+from ptzd.cli import terminal
 from ptzd.errors import LogError
 from ptzd.replay import report
 from ptzd.replay.drive import Replay
@@ -52,7 +51,7 @@ def _replay_one(path: Path, arguments: argparse.Namespace) -> report.Report:
 
 def _with_progress(path: Path, arguments: argparse.Namespace) -> Replay:
     first, last = replaying.time_span_ns(path)
-    console = Console(file=sys.stderr)
+    console = terminal.console(stderr=True)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         bar = progress.add_task(path.name, total=(last - first) / 1e9)
         return replaying.replay(

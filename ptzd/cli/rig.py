@@ -9,8 +9,10 @@ import sys
 from pathlib import Path
 
 import msgspec
-from rich.console import Console
 from rich.table import Table
+
+from ptzd.cli import terminal
+from ptzd.plain import plain_lines
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -70,8 +72,12 @@ def demo(arguments: argparse.Namespace) -> int:
     """Show all of it on a simulated rig; exit 0 when every box was locked within the tolerance."""
     from ptzd.app.demo import TOLERANCE_DEG, Report, run_demo
 
-    console = Console(stderr=arguments.json, highlight=False, soft_wrap=True)
-    report: Report = asyncio.run(run_demo(arguments.scene, arguments.out, console.print, boxes=arguments.boxes))
+    console = terminal.console(stderr=arguments.json, soft_wrap=True)
+
+    def say(text: object) -> None:
+        console.print(plain_lines(text) if isinstance(text, str) else text)
+
+    report: Report = asyncio.run(run_demo(arguments.scene, arguments.out, say, boxes=arguments.boxes))
     if arguments.json:
         document = {
             "outcome": "locked" if report.good else "failed",

@@ -12,6 +12,8 @@ import socket
 from collections.abc import Mapping
 from pathlib import Path
 
+from ptzd.plain import plain_lines
+
 JOURNAL_SOCKET = Path("/run/systemd/journal/socket")
 
 FIELDS = {"request": "PTZD_REQUEST", "rig": "PTZD_RIG", "device": "PTZD_DEVICE"}
@@ -72,7 +74,7 @@ class JournalHandler(logging.Handler):
         }
         fields |= {field: str(getattr(record, name)) for name, field in FIELDS.items() if hasattr(record, name)}
         try:
-            self._socket.sendto(encode(fields), self._path)
+            self._socket.sendto(encode({key: plain_lines(value) for key, value in fields.items()}), self._path)
         except OSError:
             self._fallback.handle(record)
 
