@@ -271,6 +271,17 @@ MESSAGES: dict[str, type[Struct]] = {
     )
 }  # fmt: skip
 
+PUBLISHED: dict[str, type[Outgoing]] = {
+    "status": Status,
+    "pose": Pose,
+    "roi/*/feedback": Feedback,
+    "roi/*/result": RoiResult,
+    "image/fisheye": ImageAttachment,
+    "image/ptz": ImageAttachment,
+    "image/overlay": ImageAttachment,
+}
+"""Every key that is published, below the rig's, and its message; of pictures the attachment is the message."""
+
 
 def encoding(name: str) -> str:
     """Zenoh encoding of a message type, e.g. ``application/json;ptzd.RoiRequest.v1``."""
