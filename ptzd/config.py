@@ -51,6 +51,8 @@ class HttpSource(Part, frozen=True, forbid_unknown_fields=True, kw_only=True, ta
     """Exposure to arrival of the last byte."""
     stall_s: Positive = 2.0
     allow_basic_over_http: bool = False
+    certificate_sha256: str | None = None
+    """SHA-256 of the certificate to insist on, 64 hex digits, whoever signed it."""
 
 
 class FilesSource(Part, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="source", tag="files"):

@@ -146,16 +146,13 @@ async def _life(loaded: Loaded, stop: asyncio.Event, again: asyncio.Event, ready
         bus.on_log_query(_log_handler(log, parts.daemon))
         machine = parts.daemon.pump.machine
         watch = Watchdog(notifier, _vitals(parts.daemon, log), lambda: str(machine.state))
-        watchdog = asyncio.create_task(watch.run(), name="watchdog")
         adopt = partial(_adopt, log, parts.daemon)
         reloader = Reloader(loaded, again, adopt, notifier)
         try:
-            await parts.daemon.run(end, follow_stop, reloader.run, drift.run)
+            await parts.daemon.run(end, follow_stop, reloader.run, drift.run, watch.run)
         finally:
             if stop.is_set() or not end.is_set():
                 notifier.stopping("stopping")
-            watchdog.cancel()
-            await asyncio.gather(watchdog, return_exceptions=True)
 
 
 def _idle(daemon: Daemon | None) -> bool:

@@ -7,6 +7,7 @@ import logging
 import random
 from collections.abc import AsyncIterator, Callable
 from dataclasses import replace
+from functools import partial
 from types import TracebackType
 from typing import Self
 
@@ -19,7 +20,7 @@ from ptzd.devices.vapix.address import Address
 from ptzd.devices.vapix.answers import accepted
 from ptzd.devices.vapix.client import CameraClient
 from ptzd.devices.vapix.credentials import Credentials, exposure, read_credentials
-from ptzd.devices.vapix.feed import Feed
+from ptzd.devices.vapix.feed import Feed, supervise
 from ptzd.devices.vapix.requests import Request
 from ptzd.errors import ConfigError, DeviceError, DeviceRefused
 from ptzd.model import FrameRef
@@ -41,7 +42,12 @@ class HttpFisheye:
     """
 
     def __init__(self, settings: HttpSource, clock: Clock, *, jitter: Callable[[], float] | None = None) -> None:
-        address = Address(url=settings.url, setting="fisheye", allow_basic_over_http=settings.allow_basic_over_http)
+        address = Address(
+            url=settings.url,
+            setting="fisheye",
+            allow_basic_over_http=settings.allow_basic_over_http,
+            certificate_sha256=settings.certificate_sha256,
+        )
         self._settings = settings
         self._clock = clock
         self._client = CameraClient(address, clock)
@@ -108,6 +114,7 @@ class HttpFisheye:
             raise DeviceRefused(str(error)) from None
         self._feed.open()
         self._reading = asyncio.create_task(self._read())
+        self._reading.add_done_callback(partial(supervise, feed=self._feed, name="the fisheye's stream"))
 
     async def _disconnect(self) -> None:
         reading, self._reading = self._reading, None
@@ -116,12 +123,9 @@ class HttpFisheye:
             await asyncio.gather(reading, return_exceptions=True)
 
     async def _read(self) -> None:
-        try:
-            await read_mjpeg(
-                self._client, self._request, clock=self._clock, stall_s=self._settings.stall_s, deliver=self._take
-            )
-        except DeviceError as error:
-            self._feed.fail(error)
+        await read_mjpeg(
+            self._client, self._request, clock=self._clock, stall_s=self._settings.stall_s, deliver=self._take
+        )
 
     def _take(self, jpeg: bytes | None, arrival_ns: int) -> None:
         seq, self._seq = self._seq, self._seq + 1

@@ -160,7 +160,7 @@ class _Newest:
         self._clock = clock
         self._loop = asyncio.get_running_loop()
         self._wake = asyncio.Event()
-        self._outcome: tuple[Shot, int] | DeviceError | None = None
+        self._outcome: tuple[Shot, int] | Exception | None = None
 
     def __enter__(self) -> Self:
         self._loop.add_reader(self._capture.fileno(), self._readable)
@@ -177,7 +177,7 @@ class _Newest:
             self._wake.clear()
             await self._wake.wait()
         outcome = self._outcome
-        if isinstance(outcome, DeviceError):
+        if isinstance(outcome, Exception):
             raise outcome
         self._outcome = None
         return outcome
@@ -186,6 +186,9 @@ class _Newest:
         try:
             shot = self._capture.newest()
         except DeviceError as error:
+            self._loop.remove_reader(self._capture.fileno())
+            self._outcome = error
+        except Exception as error:  # noqa: BLE001  # raised again by take(): a callback of the loop has nobody to tell
             self._loop.remove_reader(self._capture.fileno())
             self._outcome = error
         else:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from ptzd.devices.vapix.credentials import Credentials
-from ptzd.errors import DeviceRefused
+from ptzd.errors import DeviceGarbled, DeviceRefused
 
 _HASHES = {"MD5": "md5", "SHA-256": "sha256"}
 _PREFERENCE = ("SHA-256", "SHA-256-SESS", "MD5", "MD5-SESS")
@@ -71,7 +71,22 @@ def parse_challenges(values: Iterable[str]) -> list[Challenge]:
                 parameters[found.group(1).lower()] = bare if quoted is None else re.sub(r"\\(.)", r"\1", quoted)
                 at = found.end()
             challenges.append(Challenge(scheme=scheme.group(1).lower(), parameters=parameters))
+    for challenge in challenges:
+        _refuse_undecodable(challenge)
     return challenges
+
+
+def _refuse_undecodable(challenge: Challenge) -> None:
+    """Raise DeviceGarbled for parameters that cannot be given back: they go into a header, which is UTF-8."""
+    for name, value in challenge.parameters.items():
+        try:
+            value.encode()
+        except UnicodeEncodeError:
+            shown = value.encode("ascii", "backslashreplace").decode()
+            raise DeviceGarbled(
+                f"asks for {challenge.scheme} authentication with a {name} that is not UTF-8 ({shown}); "
+                "give the camera a name and realm of plain letters"
+            ) from None
 
 
 def digest_header(
@@ -147,6 +162,9 @@ class Authenticator:
         self._challenge: Challenge | None = None
         self._count = 0
         self._proven = False
+        self._weaker = False
+        self.trusted = False
+        """Whether any page took this user and password."""
 
     def attempt(self, method: str, target: str) -> Attempt | None:
         """Authorization for the next request; None while the server has not asked for any."""
@@ -165,7 +183,7 @@ class Authenticator:
     def accepted(self, attempt: Attempt | None) -> None:
         """The server answered anything but 401 to this attempt."""
         if attempt is not None and attempt.challenge is self._challenge:
-            self._proven = True
+            self._proven = self.trusted = True
 
     def challenged(self, attempt: Attempt | None, headers: Iterable[str]) -> None:
         """Take the challenges of a 401; returns when asking again makes sense.
@@ -175,15 +193,35 @@ class Authenticator:
         DeviceRefused
             The password was tried and refused, or nothing that the server offers can be used.
         """
-        chosen = self._choose(parse_challenges(headers))
+        offered = parse_challenges(headers)
+        chosen = self._choose(offered)
         if attempt is not None and attempt.challenge is not self._challenge:
             return  # another request renewed the nonce meanwhile
         if attempt is not None and not self._renews(attempt.challenge, chosen):
-            user = "" if self._credentials is None else self._credentials.user
-            raise DeviceRefused(
-                f"user {user!r} or the password is refused (401); correct {self._setting}.user or the password's file"
-            )
+            chosen = self._weaker_one(attempt.challenge, offered)
         self._challenge, self._count, self._proven = chosen, 0, False
+
+    def _weaker_one(self, refused: Challenge, offered: list[Challenge]) -> Challenge:
+        """MD5 in place of a SHA-256 that the camera offers and refuses, once: some firmware computes it otherwise.
+
+        Raises
+        ------
+        DeviceRefused
+            There is nothing else to try; with what follows from whether another page took the password.
+        """
+        weaker = [item for item in offered if _usable(item) and item.algorithm.startswith("MD5")]
+        if refused.algorithm.startswith("SHA-256") and weaker and not self.trusted and not self._weaker:
+            self._weaker = True
+            return weaker[0]
+        user = "" if self._credentials is None else self._credentials.user
+        if self.trusted:
+            raise DeviceRefused(
+                f"user {user!r} is refused on this page (401) though others take it; give the account the right to it, "
+                "or correct the password's file if the password was changed"
+            )
+        raise DeviceRefused(
+            f"user {user!r} or the password is refused (401); correct {self._setting}.user or the password's file"
+        )
 
     def _renews(self, old: Challenge, new: Challenge) -> bool:
         if new.scheme == old.scheme == "basic":
@@ -195,7 +233,8 @@ class Authenticator:
             raise DeviceRefused(f"asks for a user and a password (401); set {self._setting}.user and its password_file")
         digests = [item for item in challenges if _usable(item)]
         if digests:
-            return min(digests, key=lambda item: _PREFERENCE.index(item.algorithm))
+            order = _PREFERENCE[2:] + _PREFERENCE[:2] if self._weaker else _PREFERENCE
+            return min(digests, key=lambda item: order.index(item.algorithm))
         for item in challenges:
             if item.scheme == "basic":
                 if self._basic_allowed:

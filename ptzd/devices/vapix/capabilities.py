@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -9,10 +10,12 @@ from ptzd.config import Limits, Ptz
 from ptzd.devices.vapix import requests
 from ptzd.devices.vapix.answers import Attributes, CameraLimits, CameraSaysNo, DeviceInfo, Parameters, SystemState
 from ptzd.devices.vapix.client import CameraClient
-from ptzd.devices.vapix.failures import Forbidden, NotOffered, Overloaded
+from ptzd.devices.vapix.failures import NotOffered, Overloaded, PageFails
 from ptzd.devices.vapix.requests import Request
 from ptzd.errors import ConfigError, DeviceGarbled, DeviceRefused
 from ptzd.model import HeadLimits
+
+LOGGER = logging.getLogger(__name__)
 
 T = TypeVar("T")
 D = TypeVar("D")
@@ -54,10 +57,10 @@ async def read_capabilities(client: CameraClient, settings: Ptz, limits: Limits)
     state = await _optional(client, requests.system_ready(), SystemState(ready=True))
     if not state.ready:
         raise Overloaded(f"{client.origin}: the camera is starting")
+    # the first page that asks for the password is one that the account must be allowed: if it takes it, a refusal
+    # elsewhere is that page's own
+    camera_limits, parameters = await _limits_and_parameters(client, settings.camera)
     device = await _optional(client, requests.device_info(), DeviceInfo())
-    parameters = await client.send(requests.parameters(*GROUPS))
-    _refuse_without_ptz(client.origin, parameters, settings.camera)
-    camera_limits = await client.send(requests.limits(settings.camera))
     speed = await _optional(client, requests.speed(settings.camera), None)
     attributes = await _optional(client, requests.attributes(settings.camera), Attributes())
     return Capabilities(
@@ -71,11 +74,24 @@ async def read_capabilities(client: CameraClient, settings: Ptz, limits: Limits)
     )
 
 
+async def _limits_and_parameters(client: CameraClient, camera: int) -> tuple[CameraLimits, Parameters]:
+    nothing = Parameters()
+    try:
+        limits = await client.send(requests.limits(camera))
+    except (NotOffered, CameraSaysNo):
+        _refuse_without_ptz(client.origin, await _optional(client, requests.parameters(*GROUPS), nothing), camera)
+        raise
+    parameters = await _optional(client, requests.parameters(*GROUPS), nothing)
+    _refuse_without_ptz(client.origin, parameters, camera)
+    return limits, parameters
+
+
 async def _optional(client: CameraClient, request: Request[T], default: D) -> T | D:
-    """Answer to a question that not every camera knows and not every account may ask."""
+    """Answer to a question that not every camera knows and not every account may ask, however it says so."""
     try:
         return await client.send(request)
-    except (NotOffered, Forbidden, CameraSaysNo, DeviceGarbled):
+    except (DeviceRefused, DeviceGarbled, PageFails) as error:
+        LOGGER.info("%s", error)
         return default
 
 
@@ -137,6 +153,11 @@ def surprises(parameters: Parameters, settings: Ptz, speed: float | None) -> tup
 
 def _moving(parameters: Parameters, camera: int) -> list[str]:
     found = []
+    if _is_true(parameters.get("Properties.PTZ.DigitalPTZ")):
+        found.append(
+            "Properties.PTZ.DigitalPTZ=yes: pan and tilt may move a crop of the picture and no head, then nothing can "
+            "be pointed; use a camera with motors for pan and tilt"
+        )
     various, user = f"PTZ.Various.V{camera}", f"PTZ.UserAdv.U{camera}"
     seconds = parameters.get(f"{various}.ReturnToOverview") or "0"
     if seconds not in {"0", ""}:

@@ -25,7 +25,15 @@ from ptzd.devices.vapix.address import Address
 from ptzd.devices.vapix.answers import Reply
 from ptzd.devices.vapix.auth import Attempt, Authenticator
 from ptzd.devices.vapix.credentials import Credentials
-from ptzd.devices.vapix.failures import ConnectionCut, FailuresNamed, Forbidden, NotOffered, Overloaded, RefusedAccess
+from ptzd.devices.vapix.failures import (
+    ConnectionCut,
+    FailuresNamed,
+    Forbidden,
+    NotOffered,
+    Overloaded,
+    PageFails,
+    RefusedAccess,
+)
 from ptzd.devices.vapix.requests import Request
 from ptzd.errors import DeviceGarbled, DeviceLost, DeviceRefused
 from ptzd.ports import Clock
@@ -171,7 +179,7 @@ class CameraClient:
                     self._challenged(attempt, response, request)
                     continue
                 self._auth.accepted(attempt)
-                if response.status in _REDIRECTS and request.method == "GET":
+                if response.status in _REDIRECTS:
                     url = self._redirected(url, response)
                     continue
                 self._check_status(response, request)
@@ -208,11 +216,18 @@ class CameraClient:
         try:
             self._auth.challenged(attempt, response.headers.getall("WWW-Authenticate", []))
         except DeviceRefused as error:
-            raise self._remember("", RefusedAccess(self._refusal(request, str(error)))) from None
+            place = request.path if self._auth.trusted else ""
+            raise self._remember(place, RefusedAccess(self._refusal(request, str(error)))) from None
 
     def _redirected(self, url: URL, response: aiohttp.ClientResponse) -> URL:
-        target = url.join(URL(response.headers.get("Location", "")))
-        if target.origin() != self._base.origin():
+        location = response.headers.get("Location", "")
+        try:
+            target = url.join(URL(location))
+            elsewhere = target.origin() != self._base.origin()
+        except ValueError:
+            shown = location.encode("ascii", "backslashreplace").decode()
+            raise DeviceGarbled(f"redirects to {shown!r}, which is no address; correct it in the camera") from None
+        if elsewhere:
             raise DeviceRefused(
                 f"redirects to {target.origin()}; if that is right, set it as {self._address.setting}.url"
             )
@@ -231,7 +246,7 @@ class CameraClient:
         if status == 503:
             raise Overloaded("overloaded or starting (503)", _seconds(response.headers.get("Retry-After")))
         if status >= 500:
-            raise DeviceLost(f"fails ({status})")
+            raise PageFails(f"fails ({status})")
         raise DeviceRefused(f"answers {status}")
 
     def _failures_named(self, request: Request[T]) -> FailuresNamed:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import logging
 import ssl
 from types import TracebackType
 
 import aiohttp
 
 from ptzd.errors import DeviceError, DeviceGarbled, DeviceLost, DeviceRefused
+
+LOGGER = logging.getLogger(__name__)
 
 
 class ConnectionCut(DeviceLost):
@@ -26,6 +29,10 @@ class Overloaded(DeviceLost):
     def __init__(self, message: str, retry_after_s: float | None = None) -> None:
         super().__init__(message)
         self.retry_after_s = retry_after_s
+
+
+class PageFails(DeviceLost):
+    """The camera answers with an error of its own (5xx other than 503)."""
 
 
 class NotOffered(DeviceRefused):
@@ -71,6 +78,12 @@ class FailuresNamed:
             raise self._untrusted(error) from None
         elif isinstance(error, aiohttp.ClientError | TimeoutError | OSError):
             raise self._unanswered(error) from None
+        elif isinstance(error, ValueError):
+            # headers, addresses and texts of the answer are turned into values in there: it is the answer that is odd
+            LOGGER.debug("%s: an answer that raised %r", self._place, error)
+            raise DeviceGarbled(
+                f"{self._place}: an answer that cannot be understood ({type(error).__name__})"
+            ) from None
 
     def _untrusted(self, error: Exception) -> DeviceError:
         if isinstance(error, aiohttp.ServerFingerprintMismatch):

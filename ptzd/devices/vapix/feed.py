@@ -6,7 +6,7 @@ import asyncio
 from collections import deque
 from typing import Generic, Self, TypeVar
 
-from ptzd.errors import DeviceError, DeviceLost
+from ptzd.errors import DeviceError, DeviceGarbled, DeviceLost
 
 T = TypeVar("T")
 
@@ -86,6 +86,22 @@ class Feed(Generic[T]):
     def listen(self) -> Reader[T]:
         """Values from now on, until the failure is raised."""
         return Reader(self)
+
+
+def supervise(task: asyncio.Task[None], *, feed: Feed[T], name: str) -> None:
+    """Pass on why a task ended, to be called when it did: whoever reads its feed hears it as a loss.
+
+    A programming error is a loss too, so that nobody waits for ever, and is reported to the loop with its traceback.
+    """
+    error = None if task.cancelled() else task.exception()
+    if error is None:
+        return
+    failure = error
+    if not isinstance(failure, DeviceError):
+        words = " ".join(str(error).split())
+        failure = DeviceGarbled(f"internal error in {name}: {type(error).__name__}: {words}")
+        task.get_loop().call_exception_handler({"message": str(failure), "exception": error})
+    feed.fail(failure)
 
 
 class Reader(Generic[T]):

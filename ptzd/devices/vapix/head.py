@@ -8,21 +8,22 @@ import random
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from ptzd.config import Limits, Ptz
 from ptzd.devices.vapix.address import Address
 from ptzd.devices.vapix.capabilities import Capabilities, read_capabilities
 from ptzd.devices.vapix.client import CameraClient
 from ptzd.devices.vapix.credentials import Credentials, exposure, read_credentials
-from ptzd.devices.vapix.feed import Feed
+from ptzd.devices.vapix.feed import Feed, supervise
 from ptzd.devices.vapix.mover import Mover
 from ptzd.devices.vapix.poller import Poller
 from ptzd.devices.vapix.poses import PoseRing, Stillness
 from ptzd.devices.vapix.stream import ViewStream
 from ptzd.devices.vapix.witness import MotionWitness
-from ptzd.errors import ConfigError, DeviceError, DeviceGarbled, DeviceLost, DeviceRefused
+from ptzd.errors import ConfigError, DeviceError, DeviceLost, DeviceRefused
 from ptzd.model import HeadLimits, HeadReading, Motion, ViewRef
 from ptzd.ports import Clock, HeadPoll, Picture
 
@@ -146,9 +147,11 @@ class VapixHead:
         self._note(capabilities)
         self._poses.reset()
         polls, pictures = self._poller.feed, self._stream.feed
-        self._start(self._poller.run(), polls)
-        self._start(self._stream.run(), pictures)
-        self._start(self._witness.run(), None)
+        polls.open()
+        pictures.open()
+        self._start(self._poller.run(), polls, "the position reports")
+        self._start(self._stream.run(), pictures, "the stream")
+        self._start(self._witness.run(), polls, "the motion events")
         await polls.after(polls.count)
         await pictures.after(pictures.count)
         return capabilities.limits
@@ -161,11 +164,9 @@ class VapixHead:
         if before is not None and before.boot_id != capabilities.boot_id:
             LOGGER.warning("%s: the camera restarted; check that its zero is where it was", self._client.origin)
 
-    def _start(self, work: Coroutine[None, None, None], feed: Feed[HeadPoll] | Feed[Picture] | None) -> None:
-        if feed is not None:
-            feed.open()
-        task = asyncio.create_task(work)
-        task.add_done_callback(lambda done: _ended(done, feed))
+    def _start(self, work: Coroutine[None, None, None], feed: Feed[Any], name: str) -> None:
+        task = asyncio.create_task(work, name=name)
+        task.add_done_callback(partial(supervise, feed=feed, name=name))
         self._tasks.append(task)
 
     async def _halt(self, reason: DeviceLost) -> None:
@@ -238,14 +239,3 @@ class VapixHead:
             known = self._poses.at(picture.frame.t_capture_ns)
             if known is not None:
                 yield replace(picture, lost_before=picture.lost_before + reader.passed_by), *known
-
-
-def _ended(task: asyncio.Task[None], feed: Feed[HeadPoll] | Feed[Picture] | None) -> None:
-    """Pass on why a task ended; a programming error is also reported to the loop."""
-    if task.cancelled() or task.exception() is None:
-        return
-    error = task.exception()
-    if feed is not None:
-        feed.fail(error if isinstance(error, DeviceError) else DeviceGarbled(f"internal error: {error!r}"))
-    if not isinstance(error, DeviceError):
-        task.get_loop().call_exception_handler({"message": "a task of the PTZ camera failed", "exception": error})

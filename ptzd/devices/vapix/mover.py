@@ -27,6 +27,9 @@ MARGIN_S = 3.0
 RETRY_S = 0.2
 STOP_AGAIN_S = 1.0
 """A head that is not known to rest so long after the proof was due is told again."""
+NEAR_DEG = 0.25
+NEAR_ZOOM = 60.0
+"""A head that rests this near has arrived as well as it can: coarse encoders step by a tenth of a degree."""
 SLOW_REQUEST_NS = 100_000_000
 
 
@@ -176,13 +179,25 @@ class Mover:
                 return rest.mean
             if rest is not None and rest.span_ns >= STALL_REST_S * 1e9:
                 self.under_way = False
-                raise MoveStalled(rest.mean, f"rests at {shown(rest.mean)} instead of {shown(target)}")
+                raise MoveStalled(rest.mean, self._off(rest.mean, target))
             proving_s = self._settings.stall_s if self._reached(poll.reading, target, limits) else 0.0
             if loop.time() > end_s + proving_s:
                 raise MoveStalled(
                     poll.reading,
                     f"still on the way at {shown(poll.reading)} to {shown(target)} after {patience_s:.1f} s",
                 )
+
+    def _off(self, rest: HeadReading, target: HeadReading) -> str:
+        """Where the head rests; and, when it is as near as heads come, which tolerance asks for more."""
+        pan, tilt, zoom = offset_of(rest, target)
+        settings, reason = self._settings, f"rests at {shown(rest)} instead of {shown(target)}"
+        if max(abs(pan), abs(tilt)) <= NEAR_DEG and abs(zoom) <= NEAR_ZOOM:
+            reason += (
+                f", off by {max(abs(pan), abs(tilt)):.3f}° and zoom {abs(zoom):.0f}: as near as this head comes, but "
+                f"ptz.arrival_tolerance_deg {settings.arrival_tolerance_deg:g} or ptz.zoom_tolerance "
+                f"{settings.zoom_tolerance:g} asks for more; set them above that"
+            )
+        return reason
 
     def _reached(self, reading: HeadReading, target: HeadReading, limits: HeadLimits) -> bool:
         pan, tilt, zoom = offset_of(reading, target)

@@ -1,0 +1,104 @@
+"""Whatever a camera answers, its reader ends in a loss that names it, and the camera is back when it is right again."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ptzd.config import HttpSource
+from ptzd.devices.http_fisheye import HttpFisheye
+from ptzd.devices.vapix.auth import parse_challenges
+from ptzd.devices.vapix.feed import Feed, supervise
+from ptzd.errors import DeviceError, DeviceGarbled
+from tests.devices.vapix.conftest import Clock, picture
+
+STREAM = b"HTTP/1.1 200 OK\r\nContent-Type: multipart/x-mixed-replace; boundary=b\r\n\r\n"
+GOOD = STREAM + b"".join(b"--b\r\nContent-Type: image/jpeg\r\n\r\n" + picture(n) + b"\r\n" for n in range(40))
+ODD = [
+    b"HTTP/1.1 307 T\r\nLocation: http://camera:port/\r\nContent-Length: 0\r\n\r\n",
+    b"HTTP/1.1 302 F\r\nLocation: //\xe9t\xe9/\r\nContent-Length: 0\r\n\r\n",
+    b"HTTP/1.1 301 M\r\nLocation: mailto:somebody\r\nContent-Length: 0\r\n\r\n",
+    b'HTTP/1.1 401 U\r\nWWW-Authenticate: Digest realm="caf\xe9", nonce="n"\r\nContent-Length: 0\r\n\r\n',
+    b'HTTP/1.1 401 U\r\nWWW-Authenticate: Digest realm="r", nonce="\xe9", qop="auth"\r\nContent-Length: 0\r\n\r\n',
+    b"HTTP/1.1 401 U\r\nWWW-Authenticate: Basic\r\nContent-Length: 0\r\n\r\n",
+    STREAM[:-2] + b"Content-Encoding: gzip\r\n\r\nno gzip",
+    STREAM + b"--b\r\n\r\n<html>" * 200,
+    b"HTTP/1.1 200 OK\r\nContent-Type: text/html\r\nContent-Length: 2\r\n\r\nhi",
+    b"nonsense\r\n\r\n",
+]
+
+
+@pytest.fixture
+async def speaking():
+    """A server that says something, then something else, once for each connection; the last again and again."""
+    servers = []
+
+    async def start(*said: bytes) -> int:
+        left = list(said)
+
+        async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            try:
+                await reader.readuntil(b"\r\n\r\n")
+                writer.write(left.pop(0) if len(left) > 1 else left[0])
+                await writer.drain()
+            except (ConnectionError, asyncio.IncompleteReadError):
+                pass
+            writer.close()
+
+        server = await asyncio.start_server(answer, "127.0.0.1", 0)
+        servers.append(server)
+        return server.sockets[0].getsockname()[1]
+
+    yield start
+    for server in servers:
+        server.close()
+        await server.wait_closed()
+
+
+def fisheye(port: int, password_file) -> HttpFisheye:
+    source = HttpSource(url=f"http://127.0.0.1:{port}/s", user="u", password_file=str(password_file), stall_s=30.0)
+    return HttpFisheye(source, Clock(), jitter=lambda: 0.0)
+
+
+@pytest.mark.parametrize("odd", ODD)
+async def test_an_odd_answer_is_a_loss_with_the_cameras_name(speaking, password_file, odd):
+    port = await speaking(odd)
+    async with fisheye(port, password_file) as source:
+        async with asyncio.timeout(20):
+            with pytest.raises(DeviceError, match=f"127.0.0.1:{port}/s: "):
+                await anext(source.pictures())
+
+
+@pytest.mark.parametrize("odd", [ODD[0], ODD[2], ODD[6], ODD[9]])
+async def test_a_camera_that_is_right_again_is_back(speaking, password_file, odd):
+    port = await speaking(odd, GOOD)
+    async with fisheye(port, password_file) as source, asyncio.timeout(30):
+        with pytest.raises(DeviceError):
+            await anext(source.pictures())
+        pictures = source.pictures()
+        assert (await anext(pictures)).jpeg in [picture(n) for n in range(40)]
+        await pictures.aclose()
+
+
+@given(st.lists(st.text(max_size=60), max_size=3))
+def test_challenges_of_any_text_are_understood_or_named(values):
+    parse_challenges(values)
+
+
+async def test_a_defect_in_a_reader_is_a_loss_and_is_told_to_the_loop():
+    told = []
+    asyncio.get_running_loop().set_exception_handler(lambda loop, context: told.append(context["message"]))
+    feed: Feed[int] = Feed(1)
+    feed.open()
+
+    async def broken() -> None:
+        raise KeyError("pan")
+
+    task = asyncio.create_task(broken())
+    task.add_done_callback(lambda done: supervise(done, feed=feed, name="the stream"))
+    with pytest.raises(DeviceGarbled, match="internal error in the stream: KeyError: 'pan'"):
+        await feed.after(0)
+    assert told == ["internal error in the stream: KeyError: 'pan'"]
