@@ -34,7 +34,7 @@ class V4l2Source(Part, frozen=True, forbid_unknown_fields=True, kw_only=True, ta
     """Stable name, e.g. ``/dev/v4l/by-id/…-video-index0``; numbers change at every replug."""
     size_px: tuple[int, int]
     fps: Positive = 30.0
-    format: Literal["MJPG", "YUYV", "GREY"] = "MJPG"
+    format: Literal["MJPG", "JPEG", "YUYV", "UYVY", "GREY"] = "MJPG"
     controls: dict[str, int] = field(default_factory=dict)
     """Driver controls by name, set at every open, e.g. ``{exposure_time_absolute: 150}``."""
     stall_s: Positive = 2.0

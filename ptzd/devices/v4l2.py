@@ -61,6 +61,7 @@ class V4l2Fisheye:
         self._open_device = open_device
         self._streaming: AsyncGenerator[Picture, None] | None = None
         self._loss_told = False
+        self._stamps_told = False
         self._last_number: int | None = None
 
     async def __aenter__(self) -> Self:
@@ -106,6 +107,7 @@ class V4l2Fisheye:
             with _Newest(capture, self._clock) as newest:
                 while True:
                     shot, t_arrival_ns = await self._next(newest)
+                    self._tell_stamps(capture.stamps.complaint)
                     yield await self._picture(shot, t_arrival_ns, capture.layout)
         finally:
             await asyncio.to_thread(capture.close)
@@ -124,6 +126,11 @@ class V4l2Fisheye:
         if layout.shortfalls and layout.shortfalls != told:
             _log.warning("%s: not granted: %s", self._settings.device, "; ".join(layout.shortfalls))
         self.layout = layout
+
+    def _tell_stamps(self, complaint: str) -> None:
+        if complaint and not self._stamps_told:
+            _log.warning("%s: %s", self._settings.device, complaint)
+        self._stamps_told = bool(complaint)
 
     async def _next(self, newest: _Newest) -> tuple[Shot, int]:
         try:
@@ -208,11 +215,12 @@ def encode_raw(data: bytes, layout: Layout) -> bytes:
     data : bytes
         ``bytes_per_line`` times height bytes.
     layout : Layout
-        Format ``YUYV`` (two pixels in four bytes) or ``GREY``.
+        Format ``YUYV`` or ``UYVY`` (two pixels in four bytes) or ``GREY``.
     """
     width, height = layout.size_px
     rows = np.frombuffer(data, np.uint8).reshape(height, layout.bytes_per_line)
     pixels = rows[:, : width * BYTES_PER_PIXEL[layout.format]]
     if layout.format == "GREY":
         return encode_jpeg(pixels)
-    return encode_jpeg(np.asarray(cv2.cvtColor(pixels.reshape(height, width, 2), cv2.COLOR_YUV2BGR_YUYV), np.uint8))
+    conversion = cv2.COLOR_YUV2BGR_UYVY if layout.format == "UYVY" else cv2.COLOR_YUV2BGR_YUYV
+    return encode_jpeg(np.asarray(cv2.cvtColor(pixels.reshape(height, width, 2), conversion), np.uint8))

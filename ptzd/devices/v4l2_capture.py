@@ -13,14 +13,17 @@ from ptzd.devices import v4l2_abi as abi
 from ptzd.devices.v4l2_controls import apply_controls
 from ptzd.devices.v4l2_kernel import Device, device_error
 from ptzd.devices.v4l2_loss import Numbering
+from ptzd.devices.v4l2_stamps import StampJudge
 from ptzd.errors import DeviceRefused
 from ptzd.jpeg.walk import whole_length
 
 BUFFERS = 4
 """One being filled, one ready, two for the time that the loop is busy elsewhere (66 ms at 30 pictures/s)."""
 
-BYTES_PER_PIXEL = {"YUYV": 2, "GREY": 1}
-"""Of the raw formats; MJPG has no fixed size."""
+BYTES_PER_PIXEL = {"YUYV": 2, "UYVY": 2, "GREY": 1}
+"""Of the raw formats; MJPG and JPEG have no fixed size."""
+SAME = {"MJPG": "JPEG", "JPEG": "MJPG"}
+"""Two names for a series of whole JPEG pictures; drivers know one or the other."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -34,6 +37,8 @@ class Tally:
     """Whole pictures that a newer one replaced before they were taken."""
     flagged: int = 0
     """Marked as faulty by the driver."""
+    undated: int = 0
+    """With a time stamp that cannot be, while the stamps were still believed."""
     truncated: int = 0
     """Cut off, without a mark."""
     openings: int = 0
@@ -41,7 +46,7 @@ class Tally:
     @property
     def missing(self) -> int:
         """Pictures that never came: skipped by the driver or not sent by the camera."""
-        return self.numbered - self.delivered - self.superseded - self.flagged - self.truncated
+        return self.numbered - self.delivered - self.superseded - self.flagged - self.truncated - self.undated
 
     def summary(self) -> str:
         """One phrase for a person."""
@@ -115,11 +120,12 @@ def _set_format(device: Device, settings: V4l2Source) -> abi.PixelFormat:
     pix = wanted.fmt.pix
     pix.width, pix.height, pix.pixelformat, pix.field = width, height, abi.fourcc(settings.format), abi.FIELD_ANY
     device.ioctl(abi.S_FMT, wanted)
-    granted = (abi.fourcc_text(pix.pixelformat), pix.width, pix.height)
-    if granted != (settings.format, width, height):
+    granted = abi.fourcc_text(pix.pixelformat)
+    if granted not in {settings.format, SAME.get(settings.format)} or (pix.width, pix.height) != (width, height):
         raise DeviceRefused(
             f"{settings.device}: asked for {settings.format} {width}x{height} px, the driver offers "
-            f"{granted[0]} {granted[1]}x{granted[2]} px; set format and size_px to one that `ptzd check` lists"
+            f"{granted} {pix.width}x{pix.height} px; set fisheye.format and fisheye.size_px to one that `ptzd check` "
+            "lists"
         )
     return pix
 
@@ -165,6 +171,7 @@ class Capture:
         self._name = name
         self._maps = maps
         self._numbering = Numbering(layout.period_s, tally.numbered)
+        self.stamps = StampJudge()
 
     def fileno(self) -> int:
         """Readable when :meth:`newest` has something to say."""
@@ -184,8 +191,12 @@ class Capture:
                 buffer = self._dequeue()
                 if buffer is None:
                     break
+                dated = self.stamps.judge(_stamp_ns(buffer))
                 number = self._number(buffer)
                 length = self._usable_length(buffer)
+                if length is not None and not dated:
+                    self.tally.undated += 1
+                    length = None
                 if length is None:
                     self._enqueue(buffer)
                     continue
@@ -196,7 +207,7 @@ class Capture:
             if held is None:
                 return None
             buffer, number, length = held
-            shot = Shot(number=number, t_monotonic_ns=_stamp_ns(buffer), data=self._maps[buffer.index][:length])
+            shot = Shot(number=number, t_monotonic_ns=self._stamp_ns(buffer), data=self._maps[buffer.index][:length])
             self._enqueue(buffer)
         except OSError as error:
             raise device_error(error, self._name, "read a picture") from error
@@ -223,9 +234,12 @@ class Capture:
         self._device.ioctl(abi.QBUF, _blank_buffer(buffer.index))
 
     def _number(self, buffer: abi.Buffer) -> int:
-        number = self._numbering.note(buffer.sequence, _stamp_ns(buffer))
+        number = self._numbering.note(buffer.sequence, self._stamp_ns(buffer))
         self.tally.numbered = self._numbering.next
         return number
+
+    def _stamp_ns(self, buffer: abi.Buffer) -> int | None:
+        return _stamp_ns(buffer) if self.stamps.believed else None
 
     def _usable_length(self, buffer: abi.Buffer) -> int | None:
         if buffer.flags & abi.BUF_FLAG_ERROR:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from ptzd.devices import v4l2_abi as abi
@@ -35,11 +35,25 @@ def control_key(name: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
 
 
+CLASSES = (0x00980000, 0x00990000, 0x009A0000, 0x009B0000, 0x009C0000, 0x009D0000, 0x009E0000, 0x009F0000)
+"""Classes of controls (``V4L2_CTRL_CLASS_USER`` and on)."""
+ID_OF_CLASS = 0x900
+PER_CLASS = 64
+"""Numbers looked at behind a control that cannot be asked; the largest class in use has some forty."""
+
+
 def list_controls(device: Device) -> tuple[ControlRange, ...]:
-    """Controls that one integer can set, in the driver's order."""
+    """Controls that one integer can set, in the driver's order; one that fails when it is asked for is left out.
+
+    Raises
+    ------
+    OSError
+        When the device is gone.
+    """
     found: list[ControlRange] = []
-    query = abi.ControlQuery(id=abi.CTRL_FLAG_NEXT_CTRL)
-    while _asked(device, query):
+    last = 0
+    while (query := _next_control(device, last)) is not None:
+        last = query.id
         if query.type in abi.CTRL_TYPES_OF_ONE_INTEGER and not query.flags & (
             abi.CTRL_FLAG_DISABLED | abi.CTRL_FLAG_READ_ONLY
         ):
@@ -53,14 +67,47 @@ def list_controls(device: Device) -> tuple[ControlRange, ...]:
                     default=query.default_value,
                 )
             )
-        query = abi.ControlQuery(id=query.id | abi.CTRL_FLAG_NEXT_CTRL)
     return tuple(found)
+
+
+def _next_control(device: Device, last: int) -> abi.ControlQuery | None:
+    """The next control that answers; past one that does not, the numbers behind it are asked one by one."""
+    query = abi.ControlQuery(id=last | abi.CTRL_FLAG_NEXT_CTRL)
+    try:
+        device.ioctl(abi.QUERYCTRL, query)
+    except OSError as error:
+        if error.errno in NO_MORE:
+            return None
+        if error.errno not in NOT_GRANTED:
+            raise
+        answers = (_asked(device, number) for number in _numbers_after(last))
+        return next((answer for answer in answers if answer is not None), None)
+    return query if query.id > last else None
+
+
+def _numbers_after(last: int) -> Iterator[int]:
+    for base in CLASSES:
+        for number in range(base + ID_OF_CLASS, base + ID_OF_CLASS + PER_CLASS):
+            if number > last:
+                yield number
+
+
+def _asked(device: Device, number: int) -> abi.ControlQuery | None:
+    query = abi.ControlQuery(id=number)
+    try:
+        device.ioctl(abi.QUERYCTRL, query)
+    except OSError as error:
+        if error.errno in NOT_GRANTED:
+            return None
+        raise
+    return query
 
 
 def apply_controls(device: Device, wanted: Mapping[str, int]) -> tuple[str, ...]:
     """Set controls and read them back.
 
-    In the order given: some are only accepted after another, e.g. an exposure time after manual exposure.
+    What switches something automatic goes first, since the value it governs is not taken before (an exposure time
+    after manual exposure), and what was not taken is set once more when the others are.
 
     Returns
     -------
@@ -70,18 +117,10 @@ def apply_controls(device: Device, wanted: Mapping[str, int]) -> tuple[str, ...]
     if not wanted:
         return ()
     known = {control.key: control for control in list_controls(device)}
-    refusals = (_apply(device, known, key, value) for key, value in wanted.items())
+    ordered = sorted(wanted.items(), key=lambda item: "auto" not in item[0])
+    refused = [(key, value) for key, value in ordered if _apply(device, known, key, value)]
+    refusals = (_apply(device, known, key, value) for key, value in refused)
     return tuple(refusal for refusal in refusals if refusal)
-
-
-def _asked(device: Device, query: abi.ControlQuery) -> bool:
-    try:
-        device.ioctl(abi.QUERYCTRL, query)
-    except OSError as error:
-        if error.errno in NO_MORE:
-            return False
-        raise
-    return True
 
 
 def _apply(device: Device, known: Mapping[str, ControlRange], key: str, value: int) -> str | None:

@@ -15,6 +15,7 @@ import pytest
 
 from ptzd.config import V4l2Source
 from ptzd.devices import v4l2_abi as abi
+from ptzd.devices import v4l2_stamps
 
 PAGE = mmap.PAGESIZE
 MONOTONIC_OFFSET_NS = 1_000_000_000_000
@@ -37,7 +38,11 @@ class FakeKernel:
     """A machine with (at most) one camera; tests plug it, feed it and look at what was left behind."""
 
     sizes: dict[str, list[tuple[int, int]]] = field(
-        default_factory=lambda: {"MJPG": [(64, 48), (32, 24)], "YUYV": [(64, 48)], "GREY": [(64, 48)]}
+        default_factory=lambda: {
+            "MJPG": [(64, 48), (32, 24)],
+            "YUYV": [(64, 48)],
+            "GREY": [(64, 48)],
+        }
     )
     fastest_fps: int = 30
     padding: int = 0
@@ -49,6 +54,8 @@ class FakeKernel:
     started: threading.Semaphore = field(default_factory=lambda: threading.Semaphore(0))
     emptied: asyncio.Event = field(default_factory=asyncio.Event)
     fails: dict[int, int] = field(default_factory=dict)
+    now_ns: int = 0
+    """CLOCK_MONOTONIC: when the last picture was taken."""
     devices: list[FakeDevice] = field(default_factory=list)
 
     def open(self, path):
@@ -112,6 +119,7 @@ class FakeDevice:
         index = self.queued.pop(0)
         os.pwrite(self._memory, data, index * self._length)
         at = sequence * 33_333_333 if t_ns is None else t_ns
+        self.kernel.now_ns = at
         self.done.append((index, len(data), flags | self.kernel.stamps, at, sequence))
         os.eventfd_write(self._ready, 1)
 
@@ -137,7 +145,7 @@ class FakeDevice:
         pix.pixelformat = abi.fourcc(name)
         if (pix.width, pix.height) not in self.kernel.sizes[name]:
             pix.width, pix.height = self.kernel.sizes[name][0]
-        pix.bytesperline = {"YUYV": 2, "GREY": 1}.get(name, 0) * pix.width + self.kernel.padding
+        pix.bytesperline = {"YUYV": 2, "UYVY": 2, "GREY": 1}.get(name, 0) * pix.width + self.kernel.padding
         self._length = -(-max(pix.width * pix.height * 3, pix.bytesperline * pix.height) // PAGE) * PAGE
         self.format = (name, pix.width, pix.height)
 
@@ -253,8 +261,9 @@ class OffsetClock:
 
 
 @pytest.fixture
-def kernel():
+def kernel(monkeypatch):
     machine = FakeKernel()
+    monkeypatch.setattr(v4l2_stamps, "monotonic_ns", lambda: machine.now_ns)
     yield machine
     assert machine.open_count == 0, "a device was left open"
 

@@ -122,12 +122,15 @@ async def test_what_is_not_granted_is_one_line_and_said_once(kernel, settings, c
     assert "fps: asked for 90, got 30; gain: no such control" in line
 
 
-@pytest.mark.parametrize("form", ["YUYV", "GREY"])
+@pytest.mark.parametrize("form", ["YUYV", "UYVY", "GREY"])
 async def test_raw_pictures_are_encoded_without_their_padding(kernel, settings, clock, form):
     kernel.padding = 32
+    kernel.sizes = {form: [(64, 48)]}
     raw = msgspec.structs.replace(settings, format=form)
     gradient = np.tile(np.arange(64, dtype=np.uint8) * 3 + 20, (48, 1))
-    row = gradient if form == "GREY" else np.dstack([gradient, np.full_like(gradient, 128)]).reshape(48, 128)
+    colourless = np.full_like(gradient, 128)
+    pairs = [colourless, gradient] if form == "UYVY" else [gradient, colourless]
+    row = gradient if form == "GREY" else np.dstack(pairs).reshape(48, 128)
     padded = np.hstack([row, np.zeros((48, 32), np.uint8)])
     fisheye = V4l2Fisheye(raw, clock, open_device=kernel.open)
     async with aclosing(fisheye.pictures()) as pictures:

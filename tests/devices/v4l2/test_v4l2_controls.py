@@ -82,3 +82,59 @@ def test_a_device_that_goes_away_is_no_matter_of_controls(camera, kernel):
     kernel.unplug()
     with pytest.raises(OSError, match="No such device"):
         apply_controls(camera, {"gain": 20})
+
+
+def test_a_control_that_cannot_be_asked_hides_no_other(camera, kernel, make_control):
+    kernel.controls += [make_control(number, f"Part {number:x}", 0, 9, 1) for number in (0x00980914, 0x009A0910)]
+    ioctl = camera.ioctl
+
+    def broken(request, argument):
+        number = argument.id & ~abi.CTRL_FLAG_NEXT_CTRL if request == abi.QUERYCTRL else None
+        following = request == abi.QUERYCTRL and argument.id & abi.CTRL_FLAG_NEXT_CTRL
+        known = sorted(control.id for control in kernel.controls)
+        if following and next((control for control in known if control > number), None) == 0x00980914:
+            raise OSError(errno.EIO, "Input/output error")
+        if number == 0x00980914:
+            raise OSError(errno.EIO, "Input/output error")
+        ioctl(request, argument)
+
+    camera.ioctl = broken
+    assert [control.key for control in list_controls(camera)] == ["gain", "exposure_time_absolute", "part_9a0910"]
+    assert apply_controls(camera, {"gain": 20, "exposure_time_absolute": 200}) == ()
+
+
+def test_what_switches_something_automatic_goes_before_what_it_governs(kernel, make_control):
+    kernel.controls = [
+        make_control(0x009A0901, "Auto Exposure", 0, 3, 3),
+        make_control(0x009A0902, "Exposure Time, Absolute", 1, 5000, 157),
+    ]
+    device = kernel.open("camera")
+    ioctl = device.ioctl
+
+    def governed(request, argument):
+        if request == abi.S_CTRL and argument.id == 0x009A0902 and kernel.controls[0].value != 1:
+            raise OSError(errno.EACCES, "Permission denied")
+        ioctl(request, argument)
+
+    device.ioctl = governed
+    assert apply_controls(device, {"exposure_time_absolute": 150, "auto_exposure": 1}) == ()
+    assert [control.value for control in kernel.controls] == [1, 150]
+    device.close()
+
+
+def test_a_value_that_waits_for_a_switch_of_any_name_is_set_when_that_is(kernel, make_control):
+    kernel.controls = [
+        make_control(0x009A0910, "Iris", 0, 100, 5),
+        make_control(0x009A0911, "Manual Mode", 0, 1, 0),
+    ]
+    device = kernel.open("camera")
+    ioctl = device.ioctl
+
+    def governed(request, argument):
+        if request == abi.S_CTRL and argument.id == 0x009A0910 and not kernel.controls[1].value:
+            raise OSError(errno.EBUSY, "Device or resource busy")
+        ioctl(request, argument)
+
+    device.ioctl = governed
+    assert apply_controls(device, {"iris": 50, "manual_mode": 1}) == ()
+    device.close()
