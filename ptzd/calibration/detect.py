@@ -20,6 +20,8 @@ EDGE_PX = 3.0
 """Points nearer to the border have no whole neighbourhood to be measured in."""
 MIN_CHARUCO = 8
 """ChArUco boards may be seen in part; fewer corners do not count as a view."""
+WINDOW_SHARE = 0.9
+"""Half a window about a ChArUco corner, in distances from the corner to the nearest marker: only squares are in it."""
 _SUBPIX = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-4)
 _CLASSIC = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
 _SECTOR = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
@@ -48,25 +50,34 @@ def detect(grey: Grey, target: Target, name: str) -> Detection:
     name : str
         Of the picture, for the verdict.
     """
-    found = _found(grey, target)
+    found = _best(grey, target)
     if found is None:
-        if target.kind is TargetKind.CHARUCO and _found(cv2.flip(grey, 1).astype(np.uint8), target) is not None:
+        if target.kind is TargetKind.CHARUCO and _best(cv2.flip(grey, 1).astype(np.uint8), target) is not None:
             return Detection(status=Status.MIRRORED, reason="the board is readable only mirrored; switch mirroring off")
         return Detection(status=Status.NOT_FOUND, reason=f"no board of {target.columns}×{target.rows} points")
-    points, pixels = found
+    points, pixels, read, remark = found
     height, width = grey.shape
     rim = np.minimum(pixels, np.array([width - 1, height - 1]) - pixels).min()
     if rim < EDGE_PX:
         return Detection(status=Status.EDGE, reason=f"a point is {max(rim, 0.0):.1f} px from the picture's border")
-    view = BoardView(name=name, points_m=points, pixels=pixels, about_m=target.about_m())
+    view = BoardView(name=name, points_m=points, pixels=pixels, about_m=read.about_m(), remark=remark)
     return Detection(status=Status.USED, view=view)
+
+
+def _best(grey: Grey, target: Target) -> tuple[Array, Array, Target, str] | None:
+    """Points, pixels, the board as it was read and what to tell of that: the literal reading when it is found."""
+    for read, remark in target.readings():
+        found = _found(grey, read)
+        if found is not None:
+            return *found, read, remark
+    return None
 
 
 def _found(grey: Grey, target: Target) -> tuple[Array, Array] | None:
     if target.kind is TargetKind.CHARUCO:
         return _charuco(grey, target)
-    finder = _chessboard if target.kind is TargetKind.CHESSBOARD else _circles
-    pixels = finder(grey, (target.columns, target.rows))
+    size = target.columns, target.rows
+    pixels = _chessboard(grey, size) if target.kind is TargetKind.CHESSBOARD else _circles(grey, target)
     return None if pixels is None else (target.points_m(), pixels.reshape(-1, 2).astype(np.float64))
 
 
@@ -89,12 +100,22 @@ def _chessboard(grey: Grey, size: tuple[int, int]) -> NDArray[np.float32] | None
 def _refined(grey: Grey, corners: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.float32]:
     """Corners at the saddle points; each window stays inside the squares that meet there."""
     grid = corners.reshape(size[1], size[0], 2)
-    across = np.linalg.norm(np.diff(grid, axis=1), axis=2)
-    down = np.linalg.norm(np.diff(grid, axis=0), axis=2)
+    return _saddles(grey, corners, 0.4 * _spacing(grid).ravel())
+
+
+def _spacing(grid: NDArray[np.float32]) -> Array:
+    """Distance ``(rows, columns)`` of every corner ``(rows, columns, 2)`` to its nearest neighbour; nan are missing."""
     near = np.full(grid.shape[:2], np.inf)
+    across = np.nan_to_num(np.linalg.norm(np.diff(grid, axis=1), axis=2), nan=np.inf)
+    down = np.nan_to_num(np.linalg.norm(np.diff(grid, axis=0), axis=2), nan=np.inf)
     near[:, :-1], near[:, 1:] = np.minimum(near[:, :-1], across), np.minimum(near[:, 1:], across)
     near[:-1], near[1:] = np.minimum(near[:-1], down), np.minimum(near[1:], down)
-    half = np.clip(0.4 * near.ravel(), 2, 0.012 * max(grey.shape) + 2).astype(int)
+    return near
+
+
+def _saddles(grey: Grey, corners: NDArray[np.float32], half_px: Array) -> NDArray[np.float32]:
+    """Corners ``(n, 2)`` refined in windows of half sides ``(n,)``; what leaves its window stays where it was."""
+    half = np.clip(half_px, 2, 0.012 * max(grey.shape) + 2).astype(int)
     refined = corners.copy()
     for side in np.unique(half).tolist():
         chosen = np.flatnonzero(half == side)
@@ -105,13 +126,15 @@ def _refined(grey: Grey, corners: NDArray[np.float32], size: tuple[int, int]) ->
     return refined
 
 
-def _circles(grey: Grey, size: tuple[int, int]) -> NDArray[np.float32] | None:
+def _circles(grey: Grey, target: Target) -> NDArray[np.float32] | None:
+    size = target.columns, target.rows
     parameters = cv2.SimpleBlobDetector_Params()  # type: ignore[attr-defined]
     parameters.minArea, parameters.maxArea = 12.0, float(grey.size) / 40.0
     parameters.minDistBetweenBlobs = 4.0
     parameters.filterByConvexity, parameters.minConvexity = True, 0.85
     parameters.filterByInertia, parameters.minInertiaRatio = True, 0.05
-    flags = cv2.CALIB_CB_ASYMMETRIC_GRID
+    asymmetric = target.kind is TargetKind.CIRCLES
+    flags = cv2.CALIB_CB_ASYMMETRIC_GRID if asymmetric else cv2.CALIB_CB_SYMMETRIC_GRID
     for colour in (0, 255):
         parameters.filterByColor, parameters.blobColor = True, colour
         detector = cv2.SimpleBlobDetector_create(parameters)  # type: ignore[attr-defined]
@@ -130,7 +153,14 @@ def _charuco(grey: Grey, target: Target) -> tuple[Array, Array] | None:
     rows = np.unique(seen // target.columns)
     if len(rows) < 2 or len(np.unique(seen % target.columns)) < 2:
         return None
-    return target.points_m()[seen], np.asarray(corners, np.float64).reshape(-1, 2)
+    pixels = np.asarray(corners, np.float32).reshape(-1, 2)
+    grid = np.full((target.rows, target.columns, 2), np.nan, np.float32)
+    grid.reshape(-1, 2)[seen] = pixels
+    # The detector's own corners come from the markers about them, by some versions of OpenCV half a pixel off besides.
+    near = _spacing(grid).ravel()[seen]
+    near = np.minimum(near, np.median(near[np.isfinite(near)])) if np.isfinite(near).any() else np.zeros(len(seen))
+    half = WINDOW_SHARE * 0.5 * (1.0 - target.marker_share) * near
+    return target.points_m()[seen], _saddles(grey, pixels, half).astype(np.float64)
 
 
 def charuco_board(target: Target) -> Any:  # noqa: ANN401 - a cv2 object
@@ -140,7 +170,10 @@ def charuco_board(target: Target) -> Any:  # noqa: ANN401 - a cv2 object
         raise CalibrationError(f"board: no dictionary {name!r}; give an OpenCV name such as DICT_5X5_100")
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
     pitch = float(target.pitch_m)
-    return cv2.aruco.CharucoBoard((target.columns + 1, target.rows + 1), pitch, pitch * target.marker_share, dictionary)
+    squares = target.columns + 1, target.rows + 1
+    board = cv2.aruco.CharucoBoard(squares, pitch, pitch * target.marker_share, dictionary)
+    board.setLegacyPattern(target.legacy)
+    return board
 
 
 def size_seen(grey: Grey) -> tuple[int, int] | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -12,6 +12,8 @@ from ptzd.geometry.types import Array
 
 MIN_SIDE = 3
 """Fewer points along a side say nothing about a lens."""
+PITCH_M = (0.001, 1.0)
+"""What a square held before a lens can measure; anything else was given in another unit."""
 
 
 class TargetKind(StrEnum):
@@ -19,6 +21,8 @@ class TargetKind(StrEnum):
 
     CHESSBOARD = "chessboard"
     CIRCLES = "circles"
+    """Asymmetric: every other row shifted by half the distance of two circles."""
+    SYMMETRIC_CIRCLES = "symmetric_circles"
     CHARUCO = "charuco"
 
 
@@ -34,11 +38,13 @@ class Target:
     """Points along a row: inner corners of a chessboard or ChArUco board, circles of a row."""
     rows: int
     pitch_m: float
-    """Side of a square; for asymmetric circles half the distance of two circles of one row; m."""
+    """Side of a square or distance of two circles; for asymmetric circles half the distance within a row; m."""
     marker_share: float = 0.75
     """Side of a ChArUco marker in sides of a square."""
     dictionary: str = "DICT_4X4_50"
     """Markers of a ChArUco board, by OpenCV's name."""
+    legacy: bool = False
+    """Whether a ChArUco board begins as OpenCV before 4.6 drew it: with a marker where later boards are black."""
 
     def __post_init__(self) -> None:
         if min(self.columns, self.rows) < MIN_SIDE:
@@ -48,6 +54,8 @@ class Target:
             )
         if not self.pitch_m > 0.0:
             raise CalibrationError(f"board: a pitch of {self.pitch_m:g} m; measure a square and give its side in m")
+        if not PITCH_M[0] <= self.pitch_m < PITCH_M[1]:
+            raise CalibrationError(_other_unit(self.pitch_m))
 
     @property
     def count(self) -> int:
@@ -64,9 +72,43 @@ class Target:
 
     def about_m(self) -> Array | None:
         """Sum ``(3,)`` of any point and its partner on the board turned by 180°, m; None when a detector can tell."""
-        reversible = self.kind is TargetKind.CHESSBOARD or (self.kind is TargetKind.CIRCLES and self.rows % 2 == 0)
+        plain = self.kind in (TargetKind.CHESSBOARD, TargetKind.SYMMETRIC_CIRCLES)
+        reversible = plain or (self.kind is TargetKind.CIRCLES and self.rows % 2 == 0)
         points = self.points_m()
         return points[0] + points[-1] if reversible else None
+
+    def readings(self) -> tuple[tuple[Target, str], ...]:
+        """Boards that the description may mean, the literal one first, each with what to tell when it is the one.
+
+        Columns and rows are mixed up easily. A chessboard and a symmetric grid are the same board then; the others are
+        not. Of ChArUco boards with an odd number of squares down, both layouts are the same.
+        """
+        found = [(self, "")]
+        asked = f"{self.columns}×{self.rows}"
+        if self.kind in (TargetKind.CIRCLES, TargetKind.CHARUCO) and self.columns != self.rows:
+            swapped = replace(self, columns=self.rows, rows=self.columns)
+            told = f"columns and rows are swapped: not {asked} but --board {swapped.columns}x{swapped.rows}"
+            found.append((swapped, told))
+        if self.kind is TargetKind.CHARUCO:
+            old = "legacy layout of OpenCV before 4.6"
+            found += [
+                (replace(one, legacy=not one.legacy), f"{told}; {old}" if told else old)
+                for one, told in found
+                if one.rows % 2 == 1
+            ]
+        return tuple(found)
+
+
+def _other_unit(pitch_m: float) -> str:
+    meant = [
+        f"{pitch_m * unit:g} if {name} were meant"
+        for unit, name in ((1e-3, "millimetres"), (1e-2, "centimetres"))
+        if PITCH_M[0] <= pitch_m * unit < PITCH_M[1]
+    ]
+    return (
+        f"board: a pitch of {pitch_m:g} m; from {PITCH_M[0]:g} m to below {PITCH_M[1]:g} m are expected; give the side "
+        f"of a square in m{': ' + ', '.join(meant) if meant else ''}"
+    )
 
 
 def parse_target(kind: str, size: str, pitch_m: float) -> Target:
@@ -75,7 +117,7 @@ def parse_target(kind: str, size: str, pitch_m: float) -> Target:
     Parameters
     ----------
     kind : str
-        ``chessboard``, ``circles`` or ``charuco``.
+        A value of `TargetKind`.
     size : str
         ``COLUMNSxROWS`` of points.
     pitch_m : float

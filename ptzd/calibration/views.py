@@ -40,7 +40,8 @@ class BoardView:
 
     def only(self, good: Mask) -> BoardView:
         """The same picture, with the points of a mask ``(n,)``."""
-        remark = f"{int((~good).sum())} of {len(good)} points left out"
+        left_out = f"{int((~good).sum())} of {len(good)} points left out"
+        remark = f"{self.remark}; {left_out}" if self.remark else left_out
         return replace(self, points_m=self.points_m[good], pixels=self.pixels[good], remark=remark)
 
     def orders(self) -> tuple[BoardView, ...]:
