@@ -9,12 +9,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-import cv2
-import numpy as np
-
 from ptzd.config import FilesSource
 from ptzd.errors import DeviceError, DeviceGarbled, DeviceLost, DeviceRefused
-from ptzd.jpeg.pixels import encode_jpeg
+from ptzd.jpeg.pixels import decode_file_bgr, encode_jpeg
 from ptzd.jpeg.walk import whole_length
 from ptzd.model import FrameRef
 from ptzd.ports import Clock, Picture
@@ -160,9 +157,7 @@ def read_picture(path: Path) -> bytes:
         if length is None:
             raise DeviceGarbled(f"{path}: not a whole JPEG picture; passed over")
         return data[:length]
-    pixels = (
-        cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION) if data else None
-    )
-    if pixels is None:
-        raise DeviceGarbled(f"{path}: not a picture that can be decoded; passed over")
-    return encode_jpeg(np.asarray(pixels, np.uint8))
+    try:
+        return encode_jpeg(decode_file_bgr(data))
+    except DeviceGarbled as error:
+        raise DeviceGarbled(f"{path}: {error}; passed over") from None

@@ -58,7 +58,8 @@ class MultipartParser:
 
     def __init__(self, boundary: str) -> None:
         name = boundary.strip().strip("-").encode("latin-1", "replace")
-        self._delimiter = re.compile(rb"\r?\n?--+" + re.escape(name) + rb"-*[ \t]*\r?\n") if name else None
+        # two dashes and no more in front: looking for a run of any length takes its square in steps
+        self._delimiter = re.compile(rb"--" + re.escape(name) + rb"-*[ \t]*\r?\n") if name else None
         self._buffer = bytearray()
         self._walk: Walk | None = None
         self._between = bytearray()
@@ -87,7 +88,9 @@ class MultipartParser:
             return self._seek_picture()
         walked = self._walk.go(self._buffer, len(self._buffer))
         if walked is Walked.WHOLE:
-            self._emit(parts, self._walk.at, complete=True)
+            # a boundary inside: a segment that was cut short took the pictures behind it for its own
+            length = self._broken_length(self._walk.at)
+            self._emit(parts, length, complete=length == self._walk.at)
         elif walked is Walked.BROKEN or len(self._buffer) > MAX_PART_BYTES:
             self._emit(parts, self._broken_length(self._walk.at), complete=False)
         else:

@@ -10,6 +10,7 @@ import simplejpeg
 from numpy.typing import NDArray
 
 from ptzd.errors import DeviceGarbled
+from ptzd.jpeg.others import claimed_size
 from ptzd.jpeg.walk import START, read_header, whole_length
 
 Pixels = NDArray[np.uint8]
@@ -19,7 +20,6 @@ MAX_PIXELS = 64_000_000
 ENCODED_QUALITY = 95
 """Of pictures that arrive as raw pixels (0 to 100): above it files grow, matches do not get better."""
 
-_PNG = b"\x89PNG\r\n\x1a\n"
 _SURPLUS = re.compile(r"(\d+) extraneous bytes before marker 0xd9")
 
 
@@ -49,17 +49,29 @@ def decode_file(data: bytes) -> Pixels:
     """
     if data[:2] == START:
         return decode_grey(data)
-    if data[:8] == _PNG:
-        _refuse_huge(int.from_bytes(data[16:20]), int.from_bytes(data[20:24]))
-    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
-    pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
+    return _decode_other(data, cv2.IMREAD_GRAYSCALE)
+
+
+def decode_file_bgr(data: bytes) -> Pixels:
+    """Decode a picture of any usual format to its stored colours, shape (h, w, 3) BGR; raises as `decode_file`."""
+    if data[:2] == START:
+        return decode_bgr(data)
+    return _decode_other(data, cv2.IMREAD_COLOR)
+
+
+def _decode_other(data: bytes, flags: int) -> Pixels:
+    _refuse_huge(*claimed_size(data))
+    try:
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION)
+    except cv2.error:  # sizes that OpenCV refuses by itself
+        pixels = None
     if pixels is None:
         raise DeviceGarbled(f"not a picture: {len(data)} bytes that begin with {data[:8].hex(' ')} cannot be decoded")
     return np.asarray(pixels, np.uint8)
 
 
 def _refuse_huge(width: int, height: int) -> None:
-    if not 0 < width * height <= MAX_PIXELS:
+    if width <= 0 or height <= 0 or width * height > MAX_PIXELS:
         raise DeviceGarbled(f"picture: its header says {width}×{height} px, at most {MAX_PIXELS:,} pixels are decoded")
 
 

@@ -67,6 +67,20 @@ class Health:
         self._tell(lambda t_ns: ev.DeviceLost(t_ns=t_ns, device=self._device, reason=reason))
 
 
+class Turns:
+    """Warns once whenever a camera begins to ask viewers to turn its pictures, or asks for another turn."""
+
+    def __init__(self, camera: str) -> None:
+        self._camera = camera
+        self._orientation = UPRIGHT
+
+    def note(self, orientation: int) -> None:
+        """Take the EXIF orientation of the newest picture."""
+        if orientation not in {UPRIGHT, self._orientation}:
+            LOGGER.warning("%s", turned(self._camera, orientation))
+        self._orientation = orientation
+
+
 class FisheyeWatch:
     """Feeds fisheye frames to ring, core and log.
 
@@ -96,6 +110,7 @@ class FisheyeWatch:
         self._frames = frames
         self._log = log
         self._size_px = size_px
+        self._turns = Turns("fisheye")
         self._shown = shown
 
     async def run(self) -> None:
@@ -124,8 +139,7 @@ class FisheyeWatch:
     def _check(self, picture: Picture) -> None:
         header = read_header(picture.jpeg)
         width, height = header.size_px
-        if not self.health.well and header.orientation != UPRIGHT:
-            LOGGER.warning("%s", turned("fisheye", header.orientation))
+        self._turns.note(header.orientation)
         if (width, height) != self._size_px:
             wanted = f"{self._size_px[0]}×{self._size_px[1]}"
             message = (
@@ -153,6 +167,7 @@ class HeadWatch:
         self._tell = tell
         self._log = log
         self._polled = polled
+        self._turns = Turns("PTZ")
         self._shown = shown
         self._broken = asyncio.Event()
         self._error: DeviceError | None = None
@@ -213,6 +228,7 @@ class HeadWatch:
 
     async def _follow_pictures(self, back_off: BackOff) -> None:
         async for picture, reading, motion in self._head.pictures():
+            self._turns.note(read_header(picture.jpeg).orientation)
             self._log.picture("/ptz/image", picture)
             self._shown(picture, reading, motion)
             self.health.report_well()

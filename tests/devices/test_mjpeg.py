@@ -74,6 +74,20 @@ def test_a_picture_cut_short_costs_none_behind_it(pictures, data, at):
     assert fed(MultipartParser("name"), stream, at) == following
 
 
+@pytest.mark.parametrize("length", range(2, len(PICTURES[0])))
+def test_no_place_to_cut_makes_one_picture_of_several(length):
+    following = PICTURES * (1 + 65536 // sum(map(len, PICTURES)))
+    bodies = [PICTURES[0][:length], *following]
+    stream = b"\r\n".join(b"--name\r\n\r\n" + body for body in bodies)
+    assert fed(MultipartParser("name"), stream, []) == following
+
+
+def test_a_long_run_of_dashes_in_a_broken_picture_takes_no_square_of_steps():
+    scan = PICTURES[0].index(b"\xff\xda")
+    broken = PICTURES[0][: scan + 14] + b"-" * 2_000_000 + b"\xff\x02"
+    assert fed(MultipartParser("b"), broken + b"--b\r\n\r\n" + PICTURES[1], []) == [PICTURES[1]]
+
+
 @given(st.binary(max_size=2000), cuts)
 def test_noise_alone_never_raises(noise, at):
     assert all(found.startswith(b"\xff\xd8") for found in fed(MultipartParser("x"), noise, at))

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ptzd.errors import DeviceGarbled
-from ptzd.jpeg.pixels import decode_bgr, decode_file, decode_grey, encode_jpeg
+from ptzd.jpeg.pixels import decode_bgr, decode_file, decode_file_bgr, decode_grey, encode_jpeg
 from tests.jpeg.test_walk import with_orientation
 
 RANDOM = np.random.default_rng(5)
@@ -74,3 +74,32 @@ def test_files_of_other_formats_are_read_as_stored():
 def test_what_is_no_picture_is_refused(data):
     with pytest.raises(DeviceGarbled):
         decode_file(data)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "claim"),
+    [
+        (".png", lambda d: d[:16] + struct.pack(">II", 65500, 65500) + d[24:]),
+        (".bmp", lambda d: d[:18] + struct.pack("<ii", 65500, -65500) + d[26:]),
+        (".pgm", lambda d: d.replace(b"160 120", b"65500 65500", 1)),
+        (".tiff", lambda d: _with_tiff_size(d, 65500)),
+    ],
+)
+def test_other_formats_are_judged_by_their_header(suffix, claim):
+    data = cv2.imencode(suffix, COLOUR[..., 0])[1].tobytes()
+    assert (decode_file(data) == COLOUR[..., 0]).all()
+    assert decode_file_bgr(data).shape == (120, 160, 3)
+    for decode in (decode_file, decode_file_bgr):
+        with pytest.raises(DeviceGarbled, match="65500×65500 px"):
+            decode(claim(data))
+
+
+def _with_tiff_size(data, side):
+    order = "<" if data[:2] == b"II" else ">"
+    changed = bytearray(data)
+    (directory,) = struct.unpack_from(order + "I", data, 4)
+    (count,) = struct.unpack_from(order + "H", data, directory)
+    for at in range(directory + 2, directory + 2 + 12 * count, 12):
+        if struct.unpack_from(order + "H", data, at)[0] in {0x0100, 0x0101}:
+            struct.pack_into(order + "HII", changed, at + 2, 4, 1, side)
+    return bytes(changed)

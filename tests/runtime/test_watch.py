@@ -172,3 +172,26 @@ def test_pauses_double_up_to_a_limit_and_start_small_after_success() -> None:
     assert [back_off.after() for _ in range(7)] == [0.5, 1.0, 2.0, 4.0, 8.0, 15.0, 15.0]
     back_off.reset()
     assert back_off.after() == 0.5
+
+
+def test_a_turned_camera_is_told_once_per_turn(caplog) -> None:
+    turns = watch.Turns("PTZ")
+    for orientation in (1, 6, 6, 1, 8):
+        turns.note(orientation)
+    assert [record.getMessage().split(",")[0] for record in caplog.records] == [
+        f"PTZ: its pictures carry EXIF orientation {number}" for number in (6, 8)
+    ]
+
+
+async def test_a_fisheye_that_changes_its_size_while_running_is_lost_with_both_sizes(
+    fisheye_watch, fisheye, told, picture, pauses, settled
+) -> None:
+    fisheye.put(picture(0))
+    await settled()
+    assert fisheye_watch.health.well
+    fisheye.put(picture(1, width=320, height=240))
+    await settled()
+    assert not fisheye_watch.health.well
+    lost = [event.reason for event in told if isinstance(event, ev.DeviceLost)]
+    assert "320×240" in lost[-1]
+    assert "640×480" in lost[-1]
