@@ -18,6 +18,7 @@ from ptzd.config import Search
 from ptzd.control.admission import check_box
 from ptzd.control.decision import Decision, Thresholds, Verdict, decide, direction_sigma_rad
 from ptzd.control.scan import ScanPlan, plan_views
+from ptzd.control.wording import range_in_words, scaled
 from ptzd.errors import DeviceGarbled, PtzdError, RequestRefused
 from ptzd.geometry.arc import EpipolarArc
 from ptzd.geometry.rig import Rig
@@ -125,7 +126,7 @@ def document(located: Located) -> dict[str, object]:
             "pan_deg": round(math.degrees(candidate.pan_rad), 4),
             "tilt_deg": round(math.degrees(candidate.tilt_rad), 4),
             "score": round(candidate.score, 4),
-            "range_m": _range_m(candidate.inverse_range),
+            **_range(located, candidate.inverse_range),
         }
         for view, result in enumerate(located.results)
         for candidate in result.candidates
@@ -139,7 +140,7 @@ def document(located: Located) -> dict[str, object]:
             "pan_deg": math.degrees(best.pan_rad),
             "tilt_deg": math.degrees(best.tilt_rad),
             "vapix": {"pan": round(aim.pan_deg, 4), "tilt": round(aim.tilt_deg, 4)},
-            "range_m": _range_m(best.inverse_range),
+            **_range(located, best.inverse_range),
             "box_px": [list(corner) for corner in best.box_px],
             "view": decision.view,
             "score": best.score,
@@ -193,6 +194,17 @@ def _checked(box: Box, rig: Rig) -> None:
         check_box(box, rig)
     except RequestRefused as refused:
         raise DataError(f"--box: {refused.message}") from None
+
+
+def _range(located: Located, inverse_range: float) -> dict[str, object]:
+    return scaled({"range_m": _range_m(inverse_range)}, metric=located.rig.metric)
+
+
+def range_of(located: Located) -> str:
+    """Range of what was found, with its unit."""
+    best = located.decision.best
+    range_ = None if best is None else _range_m(best.inverse_range)
+    return "unknown or infinite" if range_ is None else range_in_words(range_, metric=located.rig.metric)
 
 
 def _range_m(inverse_range: float) -> float | None:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ptzd.calibration.file import read_rig
 from ptzd.control import events as ev
+from ptzd.control.wording import range_in_words
 from ptzd.geometry.rig import Rig
 from ptzd.log import drawing
 from ptzd.log.reader import LogReader
@@ -44,8 +45,8 @@ def write_sheet(log: Path, out: Path) -> int:
     """
     with LogReader(log) as reader:
         rig = read_rig(reader.run.calibration_text, f"{log}: rig.yaml")
-        stories = [story for story in collect(reader.decisions()) if story.looks]
-        rows = [(_caption(story), _tiles(story, rig, reader)) for story in stories]
+        stories = [story for story in collect(reader.decisions(), metric=rig.metric) if story.looks]
+        rows = [(_caption(story, rig), _tiles(story, rig, reader)) for story in stories]
     if rows:
         columns = max(len(tiles) for _, tiles in rows)
         sheet = np.vstack([_row(caption, tiles, columns) for caption, tiles in rows])
@@ -78,14 +79,14 @@ def _about(what: str, look: Look) -> str:
     return text
 
 
-def _caption(story: Story) -> str:
+def _caption(story: Story, rig: Rig) -> str:
     label = "" if story.label in {"", story.id} else f" ({story.label})"
     parts = [f"{story.id}{label}: {story.outcome}"]
     result = story.result
     if result is not None and result.pan_deg is not None and result.tilt_deg is not None:
         parts.append(f"pan {result.pan_deg:.2f} tilt {result.tilt_deg:.2f} deg in the head's frame")
     if result is not None and result.range_m is not None:
-        parts.append(f"range {result.range_m:.2f} m")
+        parts.append(f"range {range_in_words(result.range_m, metric=rig.metric)}")
     if result is not None and result.probability is not None:
         parts.append(f"probability {result.probability:.3f}")
     return ",  ".join(parts)

@@ -173,6 +173,9 @@ class RoiResult(Outgoing, frozen=True):
     box_ptz: tuple[Point, ...] = ()
     """Corners of the region in the PTZ picture."""
     range_m: float | None = None
+    """None when unknown, infinite, or when the rig is not metric."""
+    range_baselines: float | None = None
+    """In distances of both cameras, when the rig is not metric."""
     probability: float | None = None
     sigma_deg: float | None = None
     log: LogReference | None = None

@@ -53,6 +53,7 @@ from ptzd.control.events import (
     UpdateReceived,
     Verb,
 )
+from ptzd.control.wording import scaled
 from ptzd.ports import Clock
 
 ANSWER_WITHIN_S = 2.0
@@ -100,6 +101,7 @@ class ZenohBus:
         self._results = KeptResults(results_kept_s)
         self._log_reference = log_reference
         self._status_extra = status_extra
+        self._metric = True
 
     async def __aenter__(self) -> Self:
         """Open the session, declare the keys, show the rig as alive.
@@ -198,8 +200,10 @@ class ZenohBus:
         return self._images.wanted(key)
 
     def set_calibration(self, document: Mapping[str, object]) -> None:
-        """What a query on ``calibration`` is answered with: the parsed ``rig.yaml``."""
+        """What a query on ``calibration`` is answered with, and the unit of ranges: the parsed ``rig.yaml``."""
         self._answers.calibration = document
+        rig = document.get("rig")
+        self._metric = not isinstance(rig, Mapping) or bool(rig.get("metric", True))
 
     def on_image_query(self, handler: ImageHandler) -> None:
         """Register who has the newest picture of ``image/…`` for those who ask instead of listening."""
@@ -246,7 +250,7 @@ class ZenohBus:
         return True
 
     def _publish_feedback(self, command: PublishFeedback) -> None:
-        detail = cast("dict[str, Plain]", command.detail)
+        detail = cast("dict[str, Plain]", scaled(command.detail, metric=self._metric))
         feedback = Feedback(id=command.id, t_ns=self._clock.now_ns(), step=command.step, detail=detail)
         self._put(f"roi/{command.id}/feedback", feedback, "Feedback")
 
@@ -263,7 +267,8 @@ class ZenohBus:
             zoom=command.zoom,
             hfov_deg=command.hfov_deg,
             box_ptz=tuple(Point(x=x, y=y) for x, y in command.box_ptz),
-            range_m=command.range_m,
+            range_m=command.range_m if self._metric else None,
+            range_baselines=None if self._metric else command.range_m,
             probability=command.probability,
             sigma_deg=command.sigma_deg,
             log=self._log_reference(),

@@ -12,7 +12,7 @@ from rich.markup import escape
 from ptzd.app.clients import Client, Feedback, RoiResult, notices
 from ptzd.cli import terminal
 from ptzd.control.states import State
-from ptzd.control.wording import in_words
+from ptzd.control.wording import in_words, range_in_words
 from ptzd.plain import plain
 
 
@@ -80,7 +80,9 @@ def describe(result: RoiResult) -> str:
     if result.pan_deg is not None and result.tilt_deg is not None:
         parts.append(f"pan {result.pan_deg:.3f}°, tilt {result.tilt_deg:.3f}°")
     if result.range_m is not None:
-        parts.append(f"range {result.range_m:.2f} m")
+        parts.append(f"range {range_in_words(result.range_m, metric=True)}")
+    if result.range_baselines is not None:
+        parts.append(f"range {range_in_words(result.range_baselines, metric=False)}")
     if result.probability is not None:
         parts.append(f"probability {result.probability:.3f}")
     return ", ".join(parts)

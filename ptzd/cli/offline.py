@@ -33,7 +33,9 @@ def locate(arguments: argparse.Namespace) -> int:
         print(json.dumps(document))
     elif locating.found(located):
         print(f"found in view {document['view']}: pan {document['pan_deg']:.3f}°, tilt {document['tilt_deg']:.3f}°")
-        print(f"range {document['range_m']} m, probability {document['probability']:.3f}, VAPIX {document['vapix']}")
+        print(
+            f"range {locating.range_of(located)}, probability {document['probability']:.3f}, VAPIX {document['vapix']}"
+        )
     else:
         print(f"{document['outcome']}: {document['reason']}")
     return 0 if locating.found(located) else 1

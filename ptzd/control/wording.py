@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-UNITS = {"_deg": "°", "_m": " m", "_px": " px", "_s": " s", "_ms": " ms"}
+UNITS = {"_deg": "°", "_m": " m", "_baselines": " baselines", "_px": " px", "_s": " s", "_ms": " ms"}
 
 
 def in_words(detail: Mapping[str, object]) -> str:
@@ -18,3 +18,22 @@ def _named(name: str, value: object) -> str:
     number = f"{value:.4g}" if isinstance(value, float) else str(value)
     suffix = next((suffix for suffix in UNITS if name.endswith(suffix)), "")
     return f"{name.removesuffix(suffix)} {number}{UNITS.get(suffix, '')}"
+
+
+def scaled(document: Mapping[str, object], *, metric: bool) -> dict[str, object]:
+    """Return the document with ranges by their unit's name: of a rig without scale none ends in ``_m``.
+
+    Candidates and results hold ranges in the unit of T, which is the baseline when the rig is not metric.
+    """
+    if metric:
+        return dict(document)
+    return {f"{name.removesuffix('_m')}_baselines" if _is_range(name) else name: v for name, v in document.items()}
+
+
+def _is_range(name: str) -> bool:
+    return name.startswith("range_") and name.endswith("_m")
+
+
+def range_in_words(range_: float, *, metric: bool) -> str:
+    """Return a range with the unit of the rig's T."""
+    return f"{range_:.2f} {'m' if metric else 'baselines'}"

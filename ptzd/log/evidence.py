@@ -235,7 +235,7 @@ def _curves(log: LogReader, rig: Rig, story: Story) -> str:
         "one it chose. "
         "One clear peak is an unmistakable place; two alike are why a request ends as ambiguous."
     )
-    return f"{score_plot(curve, look.answer, 'm' if rig.metric else 'units')}<p>{note}</p>"
+    return f"{score_plot(curve, look.answer, 'm' if rig.metric else 'baselines')}<p>{note}</p>"
 
 
 def _timeline(story: Story) -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ptzd.calibration.file import read_rig
 from ptzd.control.events import HeadPolled, MatchFinished
+from ptzd.control.wording import scaled
 from ptzd.errors import LogError
 from ptzd.geometry.rig import Rig
 from ptzd.log import drawing, evidence
@@ -19,11 +20,12 @@ from ptzd.log.tables import match_document, result_document
 from ptzd.log.topics import COMMAND, EVENT, IMAGES
 
 _UNSAFE = re.compile(r"[^A-Za-z0-9._-]")
-_RESULT = ("pan_deg", "tilt_deg", "zoom", "hfov_deg", "range_m", "probability", "sigma_deg")
+_RESULT = ("pan_deg", "tilt_deg", "zoom", "hfov_deg", "range_m", "range_baselines", "probability", "sigma_deg")
 _REQUEST = ("id", "label", "t_ns", "x", "y", "w", "h", "outcome", "reason", "elapsed_ms", "views", *_RESULT)
 _MATCH = (
     *("request_id", "match_id", "frame_seq", "view_seq", "matcher", "texture", "candidates", "score", "second_score"),
-    *("sharpness", "inverse_range", "range_m", "offset_deg", "sigma_deg", "pan_deg", "tilt_deg", "elapsed_ms", "error"),
+    *("sharpness", "inverse_range", "range_m", "range_baselines", "offset_deg", "sigma_deg", "pan_deg", "tilt_deg"),
+    *("elapsed_ms", "error"),
 )
 
 
@@ -89,7 +91,7 @@ def bundle(path: Path, request_id: str, out: Path) -> Path:
     """
     with LogReader(path) as log:
         rig = read_rig(log.run.calibration_text, f"{path}: rig.yaml")
-        stories = Stories()
+        stories = Stories(metric=rig.metric)
         for decision in log.decisions():
             stories.tell(decision)
         asked = [story for story in stories.all if story.id == request_id]
@@ -119,7 +121,7 @@ def _write_overlays(log: LogReader, rig: Rig, story: Story, folder: Path) -> Non
 
 
 def _collect(log: LogReader, pictures: Path | None) -> _Tables:
-    found = _Tables(Stories(), [], [])
+    found = _Tables(Stories(metric=log.run.metric), [], [])
     if pictures is not None:
         pictures.mkdir(exist_ok=True)
     for entry in log.entries((EVENT, COMMAND, *IMAGES)):
@@ -139,28 +141,28 @@ def _collect(log: LogReader, pictures: Path | None) -> _Tables:
 
 
 def _write_tables(found: _Tables, out: Path) -> None:
-    stories = found.stories.all
-    _table(out / "requests.csv", _REQUEST, (_request_row(story) for story in stories))
-    _table(out / "matches.csv", _MATCH, (row for story in stories for row in _match_rows(story)))
+    stories, metric = found.stories.all, found.stories.metric
+    _table(out / "requests.csv", _REQUEST, (_request_row(story, metric=metric) for story in stories))
+    _table(out / "matches.csv", _MATCH, (row for story in stories for row in _match_rows(story, metric=metric)))
     steps = ((story.id, s.t_ns, s.sequence, s.what, s.text) for story in stories for s in story.steps)
     _table(out / "timeline.csv", ("id", "t_ns", "sequence", "what", "text"), steps)
     _table(out / "poses.csv", ("t_ns", "vapix_pan_deg", "vapix_tilt_deg", "zoom", "motion"), found.poses)
     _table(out / "frames.csv", ("topic", "seq", "t_capture_ns", "t_arrival_ns", "bytes"), found.frames)
 
 
-def _request_row(story: Story) -> Sequence[object]:
+def _request_row(story: Story, *, metric: bool) -> Sequence[object]:
     box, result = story.box, story.result
     corners = ("", "", "", "") if box is None else (box.x, box.y, box.w, box.h)
-    told = {} if result is None else result_document(result)
+    told = {} if result is None else scaled(result_document(result), metric=metric)
     ended = (told.get("elapsed_ms", ""), told.get("views", ""), *(told.get(name, "") for name in _RESULT))
     return (story.id, story.label, story.t_ns, *corners, story.outcome, story.reason, *ended)
 
 
-def _match_rows(story: Story) -> Iterable[Sequence[object]]:
+def _match_rows(story: Story, *, metric: bool) -> Iterable[Sequence[object]]:
     for look in story.looks:
         told: dict[str, object] = {"request_id": story.id, "match_id": look.job.match_id}
         if look.answer is not None:
-            told |= match_document(look.answer, look.job)
+            told |= scaled(match_document(look.answer, look.job), metric=metric)
         if isinstance(look.answer, MatchFinished):
             told["error"] = ""
         yield [told.get(name, "") for name in _MATCH]

@@ -10,6 +10,7 @@ from typing import TypeVar
 
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
+from ptzd.control.wording import scaled
 from ptzd.geometry.arc import EpipolarArc
 from ptzd.geometry.rig import Rig
 from ptzd.geometry.sphere import bearing
@@ -77,7 +78,7 @@ class Illustrator:
     @_draw.register
     def _request(self, told: ev.RequestReceived, t_ns: int) -> Iterable[Document]:
         _remember(self._boxes, told.id, (told.box, told.label))
-        yield _at("/request", t_ns, tables.request_document(told))
+        yield _at("/request", t_ns, scaled(tables.request_document(told), metric=self._rig.metric))
         box = told.box
         yield _say(t_ns, f"{told.id}: look at {box.w:g} x {box.h:g} px at {box.x:g}, {box.y:g} {told.label}".rstrip())
 
@@ -110,7 +111,7 @@ class Illustrator:
     @_draw.register
     def _matched(self, told: ev.MatchFinished, t_ns: int) -> Iterable[Document]:
         job = self._jobs.pop(told.match_id, None)
-        yield _at("/match", t_ns, tables.match_document(told, job))
+        yield _at("/match", t_ns, scaled(tables.match_document(told, job), metric=self._rig.metric))
         if job is None:
             return
         arc = curves.arc_of(self._rig, job)
@@ -129,7 +130,7 @@ class Illustrator:
     @_draw.register
     def _result(self, told: cmd.PublishResult, t_ns: int) -> Iterable[Document]:
         level = Level.WARNING if told.outcome in _FAILED else Level.INFO
-        yield _at("/result", t_ns, tables.result_document(told))
+        yield _at("/result", t_ns, scaled(tables.result_document(told), metric=self._rig.metric))
         yield _say(t_ns, f"{told.id}: {told.outcome} after {told.elapsed_ms / 1000:.1f} s: {told.reason}", level)
 
     @_draw.register
@@ -171,7 +172,7 @@ class Illustrator:
 
     @_draw.register
     def _note(self, told: cmd.PublishFeedback, t_ns: int) -> Iterable[Document]:
-        detail = ", ".join(f"{name} {value}" for name, value in told.detail.items())
+        detail = ", ".join(f"{name} {value}" for name, value in scaled(told.detail, metric=self._rig.metric).items())
         yield _say(t_ns, f"{told.id}: {told.step} {detail}".rstrip(), Level.DEBUG)
 
     def _fisheye(self, t_ns: int, box: Box, text: str, arc: EpipolarArc | None) -> Document:

@@ -61,12 +61,12 @@ def describe(path: Path) -> LogSummary:
         Not a log of ptzd, or damaged.
     """
     counts: Counter[str] = Counter()
-    stories = Stories()
     warnings: list[str] = []
     times: list[int] = []
     torn = ""
     with LogReader(path) as log:
         run = log.run
+        stories = Stories(metric=run.metric)
         try:
             for entry in log.entries():
                 counts[entry.topic] += 1

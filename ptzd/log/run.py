@@ -6,6 +6,8 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import yaml
+
 from ptzd.errors import LogError
 from ptzd.log.migrations import SCHEMA_VERSION
 
@@ -36,6 +38,16 @@ class RunInfo:
     """Counts the files of one run."""
     schema: int = SCHEMA_VERSION
     """Version of the events' and commands' fields."""
+
+    @property
+    def metric(self) -> bool:
+        """Whether the rig's ranges are in m; where the calibration does not say, they are."""
+        try:
+            document = yaml.safe_load(self.calibration_text)
+        except (yaml.YAMLError, ValueError):
+            return True
+        rig = document.get("rig") if isinstance(document, Mapping) else None
+        return bool(rig.get("metric", True)) if isinstance(rig, Mapping) else True
 
     def metadata(self) -> dict[str, str]:
         """Flat text pairs of the metadata record ``ptzd.run``."""

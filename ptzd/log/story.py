@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
-from ptzd.control.wording import in_words
+from ptzd.control.wording import in_words, scaled
 from ptzd.log.reader import LoggedCommand, LoggedEvent
 from ptzd.model import Box, FrameRef
 
@@ -87,9 +87,16 @@ class Story:
 
 
 class Stories:
-    """Collects requests from decisions in write order."""
+    """Collects requests from decisions in write order.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    metric : bool
+        Whether the rig's ranges are in m, for the steps' texts; if not, in baselines.
+    """
+
+    def __init__(self, *, metric: bool) -> None:
+        self.metric = metric
         self.all: list[Story] = []
         self._open: dict[str, Story] = {}
         self._tokens: dict[int, Story] = {}
@@ -149,7 +156,8 @@ class Stories:
                 self._story(command.request_id, t_ns).looks.append(look)
                 self._looks[command.match_id] = look
             case cmd.PublishFeedback():
-                step = Step(t_ns=t_ns, sequence=sequence, what=command.step, text=in_words(command.detail))
+                text = in_words(scaled(command.detail, metric=self.metric))
+                step = Step(t_ns=t_ns, sequence=sequence, what=command.step, text=text)
                 self._story(command.id, t_ns).steps.append(step)
             case cmd.PublishResult():
                 story = self._story(command.id, t_ns)
@@ -160,9 +168,9 @@ class Stories:
                 pass
 
 
-def collect(decisions: Iterable[LoggedEvent | LoggedCommand]) -> list[Story]:
+def collect(decisions: Iterable[LoggedEvent | LoggedCommand], *, metric: bool = True) -> list[Story]:
     """Requests in the order in which they came in."""
-    stories = Stories()
+    stories = Stories(metric=metric)
     for decision in decisions:
         stories.tell(decision)
     return stories.all

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from ptzd.control.wording import range_in_words
 from ptzd.geometry.rig import Rig
 from ptzd.log.story import Story
 from ptzd.log.times import clock_time
@@ -59,7 +60,7 @@ def distance(range_m: float | None, rig: Rig) -> str:
     """A range with its unit, which is the baseline where the calibration is not metric."""
     if range_m is None:
         return "unknown or infinite"
-    return f"{range_m:.2f} m" if rig.metric else f"{range_m:.2f} of the calibration's units"
+    return range_in_words(range_m, metric=rig.metric)
 
 
 def _away(range_m: float | None, rig: Rig) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ptzd.control.wording import in_words
+from ptzd.control.wording import in_words, scaled
 
 
 def test_units_are_signs_and_what_is_empty_is_left_out():
@@ -13,3 +13,11 @@ def test_units_are_signs_and_what_is_empty_is_left_out():
 def test_truth_values_and_texts_stay_what_they_are():
     assert in_words({"confirmed": True, "text": "scanning again"}) == "confirmed True, text scanning again"
     assert in_words({}) == ""
+
+
+def test_ranges_of_a_rig_without_scale_are_never_in_metres():
+    detail = {"range_m": 9.23, "range_near_m": 1.0, "range_far_m": None, "elapsed_ms": 3}
+    assert scaled(detail, metric=True) == detail
+    told = scaled(detail, metric=False)
+    assert told == {"range_baselines": 9.23, "range_near_baselines": 1.0, "range_far_baselines": None, "elapsed_ms": 3}
+    assert in_words({"range_baselines": 9.23}) == "range 9.23 baselines"

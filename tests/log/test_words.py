@@ -34,7 +34,7 @@ def test_what_is_not_known_is_not_told(rig):
     assert "before this file begins" in first
     assert last == ENDS["open"]
     assert distance(None, rig) == "unknown or infinite"
-    assert distance(2.0, dataclasses.replace(rig, metric=False)) == "2.00 of the calibration's units"
+    assert distance(2.0, dataclasses.replace(rig, metric=False)) == "2.00 baselines"
 
 
 def test_the_lock_stands_beside_the_region(lock_log, rig, story):
