@@ -1,4 +1,4 @@
-.PHONY: install test check matrix format demo figures bench-accuracy bench-replay golden soak scenes deb rig-vm clean
+.PHONY: install test check matrix format demo figures bench-accuracy bench-replay opencv golden soak scenes deb rig-vm clean
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -38,6 +38,10 @@ figures: install
 bench-accuracy: install
 	$(BIN)/python -m tests.bench.accuracy --write
 	$(BIN)/python -m tests.bench.timing --write
+
+# The golden logs under other versions of OpenCV: make opencv VERSIONS="4.10 4.13"
+opencv: install
+	$(BIN)/python -m tests.bench.opencv $(VERSIONS)
 
 bench-replay: install
 	$(BIN)/python -m tests.bench.replay

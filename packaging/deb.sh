@@ -8,6 +8,7 @@ tree=build/deb/ptzd-$version
 rm -rf build/deb
 mkdir -p "$tree"
 git archive HEAD | tar --extract --directory="$tree"
+git describe --always --exclude='*' --abbrev=12 HEAD > "$tree/ptzd/commit.txt"
 git diff --quiet HEAD || echo "changes that are not committed are not in the package" >&2
 
 export SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH:-$(git log -1 --format=%ct)}

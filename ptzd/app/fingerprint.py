@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from ptzd import __version__
+from ptzd.commit import commit
 
 CPUINFO = Path("/proc/cpuinfo")
 _PACKAGES = ("numpy", "opencv-python-headless", "scipy", "eclipse-zenoh", "aiohttp", "mcap", "msgspec", "simplejpeg")
@@ -22,7 +23,7 @@ _DISPATCH = ("OPENCV_CPU_DISABLE", "OPENCV_IPP", "NPY_DISABLE_CPU_FEATURES", "OP
 
 def versions() -> dict[str, str]:
     """Version of everything that takes part in a decision."""
-    found = {"ptzd": __version__, "python": platform.python_version()}
+    found = {"ptzd": __version__, "commit": commit() or "unknown", "python": platform.python_version()}
     return found | {name: metadata.version(name) for name in _PACKAGES}
 
 

@@ -18,10 +18,12 @@ from ptzd.log.migrations import settings_now
 from ptzd.log.reader import LogReader
 from ptzd.log.records import RecordFile
 from ptzd.log.run import RunInfo
-from ptzd.replay.compare import ACROSS_MACHINES, EXACT, ROUNDING, Tolerance
+from ptzd.replay.compare import ACROSS_MACHINES, ACROSS_OPENCV, EXACT, ROUNDING, Tolerance
 from ptzd.replay.drive import Player, Replay
 from ptzd.runtime.perception import ThreadPerception
 
+OPENCV = "opencv-python-headless"
+"""Name of its version in a fingerprint."""
 _SPAN = struct.Struct("<QQ")
 """Head of a chunk: time of its first and of its last message, ns."""
 
@@ -100,8 +102,11 @@ def _regime(recorded: Mapping[str, str], *, recompute: bool) -> tuple[str, Toler
     what = "matches computed anew" if recompute else "decisions on the recorded matches"
     if not other:
         return f"{what}, to the bit: same fingerprint as recorded", EXACT
-    tolerance = ACROSS_MACHINES if recompute else ROUNDING
+    tolerance = ROUNDING
+    if recompute:
+        tolerance = ACROSS_OPENCV if recorded.get(OPENCV) != here.get(OPENCV) else ACROSS_MACHINES
     limits = f"within {tolerance.deg:g}° and {tolerance.relative:g} of other values"
+    limits += "" if tolerance.rivals else ", best places only"
     return f"{what}, {limits}: the machine that recorded differs in {', '.join(other)}", tolerance
 
 

@@ -11,7 +11,7 @@ import msgspec
 
 from ptzd.errors import LogError
 from ptzd.log.protobuf import NS
-from ptzd.log.reader import LogReader
+from ptzd.log.reader import LoggedEvent, LogReader
 from ptzd.log.records import Torn
 from ptzd.log.run import RunInfo
 from ptzd.log.story import Stories, Story
@@ -38,6 +38,8 @@ class LogSummary:
     """Messages of level warning and above."""
     torn: str
     """Why the file is not whole; empty when it is."""
+    holes: tuple[str, ...]
+    """What a recovery passed over and which events are missing, one phrase each."""
 
     @property
     def span_s(self) -> float:
@@ -63,16 +65,22 @@ def describe(path: Path) -> LogSummary:
     counts: Counter[str] = Counter()
     warnings: list[str] = []
     times: list[int] = []
-    torn = ""
+    torn, last = "", -1
     with LogReader(path) as log:
         run = log.run
         stories = Stories(metric=run.metric)
+        holes = [f"a damaged part at byte {start} was passed over by a recovery" for start in log.passed_over]
         try:
             for entry in log.entries():
                 counts[entry.topic] += 1
                 times = [min([entry.log_ns, *times[:1]]), max([entry.log_ns, *times[1:]])]
                 if entry.topic in {EVENT, COMMAND}:
-                    stories.tell(log.decision(entry))
+                    told = log.decision(entry)
+                    stories.tell(told)
+                    if isinstance(told, LoggedEvent):
+                        if last >= 0 and told.sequence > last + 1:
+                            holes.append(f"events {last + 1} to {told.sequence - 1} are missing")
+                        last = told.sequence
                 elif entry.topic == "/log":
                     warnings += _warning(path, entry.data)
         except Torn as error:
@@ -87,6 +95,7 @@ def describe(path: Path) -> LogSummary:
         stories=tuple(stories.all),
         warnings=tuple(warnings),
         torn=torn,
+        holes=tuple(holes),
     )
 
 
@@ -102,9 +111,12 @@ def lines(summary: LogSummary) -> Iterator[str]:
     """The summary for a person."""
     run = summary.run
     yield f"{summary.path.name}: rig {run.rig}, file {run.file_index}, {summary.size / 1e6:.1f} MB"
-    yield f"from {clock_time(summary.t_first_ns)} for {summary.span_s:.1f} s, ptzd {run.versions.get('ptzd', '?')}"
+    written = f"ptzd {run.versions.get('ptzd', '?')} ({run.versions.get('commit', 'commit not told')})"
+    yield f"from {clock_time(summary.t_first_ns)} for {summary.span_s:.1f} s, written by {written}"
     if summary.torn:
         yield f"not whole: {summary.torn}"
+    for hole in summary.holes:
+        yield f"hole: {hole}"
     yield ", ".join(f"{topic} {count}" for topic, count in sorted(summary.counts.items()))
     for said in summary.warnings[:_MESSAGES]:
         yield f"warning: {said}"
@@ -135,6 +147,7 @@ def document(summary: LogSummary) -> dict[str, object]:
         "counts": summary.counts,
         "warnings": list(summary.warnings),
         "torn": summary.torn,
+        "holes": list(summary.holes),
         "requests": [_request(story) for story in summary.stories],
     }
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+import contextlib
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -20,6 +21,7 @@ from ptzd.log.file import U32
 from ptzd.log.protobuf import CompressedImage, decode_image
 from ptzd.log.records import (
     MESSAGE_HEAD_BYTES,
+    PASSED_OVER,
     Frame,
     MessageHead,
     RecordFile,
@@ -84,6 +86,10 @@ _Found = tuple[str, MessageHead, Frame, memoryview, int, int]
 """Topic, head, outer record, bytes, start and end of the data in them."""
 
 
+def _name_of(run: Mapping[str, str]) -> str:
+    return f"rig {run.get('rig', '?')}, file {run.get('file_index', '?')}"
+
+
 class LogReader:
     """One log file; use as a context manager.
 
@@ -100,7 +106,10 @@ class LogReader:
         self._torn_ok = torn_ok
         self._file = RecordFile(path)
         self._attachments: dict[str, bytes] = {}
-        self._metadata: dict[str, dict[str, str]] = {}
+        self._metadata: list[Metadata] = []
+        self._described: dict[int, str] = {}
+        self.passed_over: list[int] = []
+        """Bytes at which a recovery found a chunk that cannot be read."""
         self._schema: int | None = None
         self._pictures: dict[tuple[str, int, int], _Place] | None = None
         self._chunk: tuple[int, memoryview] = (-1, memoryview(b""))
@@ -127,16 +136,18 @@ class LogReader:
                 raise
 
     def _read_head(self) -> None:
-        """What stands before the first chunk."""
-        for frame in self._frames():
-            if frame.opcode == Opcode.METADATA:
-                metadata = self._file.parse(frame, Metadata.read)
-                self._metadata[metadata.name] = metadata.metadata
-            elif frame.opcode == Opcode.ATTACHMENT:
-                attachment = self._file.parse(frame, Attachment.read)
-                self._attachments[attachment.name] = attachment.data
-            elif frame.opcode != Opcode.HEADER:
-                break
+        """What the file says of itself: it may stand anywhere between header and end of data."""
+        with contextlib.suppress(Torn):  # told when its messages are read
+            for frame in self._file.frames():
+                if frame.opcode == Opcode.METADATA:
+                    self._metadata.append(self._file.parse(frame, Metadata.read))
+                elif frame.opcode == Opcode.ATTACHMENT:
+                    attachment = self._file.parse(frame, Attachment.read)
+                    self._attachments.setdefault(attachment.name, attachment.data)
+                elif frame.opcode == Opcode.CHANNEL:
+                    self._name(frame, self._file.body(frame), self._described)
+                elif frame.opcode == PASSED_OVER:
+                    self.passed_over.append(frame.start)
 
     @property
     def run(self) -> RunInfo:
@@ -145,17 +156,23 @@ class LogReader:
         Raises
         ------
         LogError
-            Not a log of ptzd, or its head contradicts itself.
+            Not a log of ptzd, merged of several, or its head contradicts itself.
         """
-        if METADATA not in self._metadata:
+        runs = [found.metadata for found in self._metadata if found.name == METADATA]
+        if not runs:
             raise LogError(f"{self.path}: no log of ptzd: the metadata record {METADATA} is missing")
+        if any(run != runs[0] for run in runs):
+            raise LogError(
+                f"{self.path}: merged of {len(runs)} logs ({', '.join(_name_of(run) for run in runs)}); decisions of "
+                "several runs in one file cannot be told apart, use the files as they were recorded"
+            )
         try:
-            return run_info(self._metadata[METADATA], self.attachment(CONFIG), self.attachment(CALIBRATION))
+            return run_info(runs[0], self.attachment(CONFIG), self.attachment(CALIBRATION))
         except LogError as error:
             raise LogError(f"{self.path}: {error}") from None
 
     def attachment(self, name: str) -> str:
-        """Text of an attachment at the head of the file.
+        """Text of an attachment.
 
         Raises
         ------
@@ -269,7 +286,7 @@ class LogReader:
         return self._chunk[1]
 
     def _messages(self, topics: Collection[str] | None) -> Iterator[_Found]:
-        names: dict[int, str] = {}
+        names = dict(self._described)
         for frame in self._frames():
             if frame.opcode == Opcode.CHUNK:
                 yield from self._chunk_messages(frame, names, topics)

@@ -21,6 +21,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Chunk
 from mcap.stream_reader import get_chunk_data_stream
+from zstandard import ZstdError
 
 from ptzd.errors import LogError
 
@@ -31,11 +32,14 @@ MAX_RECORD = 64 << 20
 CLOSING_BYTES = {Opcode.DATA_END: 4, Opcode.FOOTER: 20}
 """Lengths of the records that end a section, bytes."""
 
+PASSED_OVER = 0x80
+"""Private opcode that `ptzd log recover` gives to a chunk that cannot be read; every reader passes it over."""
+
 _HEAD = struct.Struct("<BQ")
 _CHUNK = struct.Struct("<QQQI")
 _U32, _U64 = struct.Struct("<I"), struct.Struct("<Q")
-_DAMAGE = (struct.error, McapError, ValueError, OverflowError, EOFError, RuntimeError)
-"""What the parsers of the mcap library raise on damaged bytes."""
+_DAMAGE = (struct.error, McapError, ValueError, OverflowError, EOFError, RuntimeError, ZstdError)
+"""What the parsers of the mcap library and the decompressors below it raise on damaged bytes."""
 
 _MESSAGE = struct.Struct("<HIQQ")
 _T = TypeVar("_T")

@@ -13,10 +13,9 @@ from pathlib import Path
 
 from ptzd.errors import LogError
 from ptzd.log.file import ACTIVE
-from ptzd.log.records import MAGIC, RecordFile
+from ptzd.log.records import MAGIC, PASSED_OVER, RecordFile
 from ptzd.log.summary import Survey, survey
 
-_PRIVATE = b"\x80"
 _SMALLEST = len(MAGIC) + 9
 """Magic and the head of one record, bytes: below it there is nothing to keep."""
 
@@ -74,7 +73,7 @@ def recover(path: Path) -> Recovery:
 
 def _mend(descriptor: int, found: Survey) -> None:
     for start in found.damaged:
-        os.pwrite(descriptor, _PRIVATE, start)
+        os.pwrite(descriptor, bytes([PASSED_OVER]), start)
     os.ftruncate(descriptor, found.good)
     data = memoryview(found.closing_records())
     at = found.good

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -134,6 +135,7 @@ def survey(file: RecordFile) -> Survey:
         The disk refuses.
     """
     found = Survey()
+    _take_from_summary(file, found)
     ended = False
     try:
         for frame in file.frames():
@@ -148,6 +150,16 @@ def survey(file: RecordFile) -> Survey:
     else:
         found.whole = not found.damaged
     return found
+
+
+def _take_from_summary(file: RecordFile, found: Survey) -> None:
+    """Schemas and channels that the summary repeats: where they stood first may be damaged."""
+    ended = False
+    with contextlib.suppress(LogError):
+        for frame in file.frames():
+            ended = ended or frame.ends(Opcode.DATA_END)
+            if ended and frame.opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
+                _NOTES[frame.opcode](file, frame, found)
 
 
 def _refuse_footer(file: RecordFile, frame: Frame) -> None:

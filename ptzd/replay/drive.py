@@ -27,6 +27,25 @@ Matcher = Callable[[cmd.RunMatch, bytes, bytes], MatchResult]
 """Runs one match on the bytes of a fisheye frame and a view."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hole:
+    """Events that were recorded and are not in the file any more."""
+
+    first: int
+    """Sequence number of the first missing one."""
+    last: int
+    t_before_ns: int
+    """Of the last event before them."""
+    t_after_ns: int
+
+    def __str__(self) -> str:
+        seconds = (self.t_after_ns - self.t_before_ns) / 1e9
+        return (
+            f"events {self.first} to {self.last} are missing in the file ({seconds:.1f} s), a damaged part was passed "
+            f"over: decisions are compared up to event {self.first - 1}"
+        )
+
+
 @dataclass(slots=True, kw_only=True)
 class Replay:
     """What a replay found."""
@@ -43,6 +62,8 @@ class Replay:
     """Results by request, as recorded."""
     replayed: dict[str, cmd.PublishResult] = field(default_factory=dict)
     """A request that parted before its end has none: nobody took the pictures that it would have asked for."""
+    holes: list[Hole] = field(default_factory=list)
+    """Where events are missing in the file; behind the first one nothing is compared."""
     differences: list[Difference] = field(default_factory=list)
     """Of each request the first, and where it parts."""
     elapsed_s: float = 0.0
@@ -72,6 +93,8 @@ class _Step:
     sequence: int
     event: ev.Event
     commands: list[cmd.Command] = field(default_factory=list)
+    whole: bool = True
+    """Whether the next event in the file is the next one that was recorded; else commands may be missing too."""
 
     def active(self, before: str) -> str:
         """Request that is served after it, as recorded; empty when none."""
@@ -122,6 +145,7 @@ class Player:
         self._machine: Machine | None = None
         self._reference: Machine | None = None
         self._active = ""
+        self._before: _Step | None = None
         self._differing: set[str] = set()
         self._parted: set[str] = set()
         self._jobs: dict[int, cmd.RunMatch] = {}
@@ -143,6 +167,9 @@ class Player:
             replay.reading_s += time.perf_counter() - before
             if step is None:
                 break
+            self._note_hole(step)
+            if replay.holes:
+                continue
             if isinstance(step.event, ev.Snapshot):
                 if not replay.t_first_ns:
                     self._begin(step.event)
@@ -162,6 +189,19 @@ class Player:
             self._reference = Machine.restored(*self._recorded, snapshot)
         active = msgspec.convert(snapshot.state, Memory, strict=False).active
         self._active = active.request.id if active is not None else ""
+
+    def _note_hole(self, step: _Step) -> None:
+        """Behind a hole the core would decide on what it was not told, so only further holes are looked for."""
+        before, self._before = self._before, step
+        if before is not None and step.sequence > before.sequence + 1:
+            self._replay.holes.append(
+                Hole(
+                    first=before.sequence + 1,
+                    last=step.sequence - 1,
+                    t_before_ns=before.event.t_ns,
+                    t_after_ns=step.event.t_ns,
+                )
+            )
 
     def _play(self, step: _Step) -> None:
         replay = self._replay
@@ -215,6 +255,8 @@ class Player:
         return dataclasses.replace(event, result=dataclasses.replace(result, elapsed_ms=event.result.elapsed_ms))
 
     def _compare(self, step: _Step, replayed: list[cmd.Command]) -> None:
+        if not step.whole:
+            return
         recorded = step.commands
         for index in range(max(len(recorded), len(replayed))):
             one = recorded[index] if index < len(recorded) else None
@@ -263,6 +305,7 @@ def _steps(reader: LogReader) -> Iterator[_Step]:
     for logged in reader.decisions():
         if isinstance(logged, LoggedEvent):
             if step is not None:
+                step.whole = logged.sequence <= step.sequence + 1
                 yield step
             step = _Step(logged.sequence, logged.event)
         elif step is not None:

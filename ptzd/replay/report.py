@@ -88,10 +88,13 @@ def lines(report: Report) -> Iterator[str]:
     differing = sum(bool(story.differences) for story in told)
     found = f"differences: {len(replay.differences)}, in {differing} of {len(told)} requests"
     verdict = found if differing else "no difference"
+    verdict += f", but {len(replay.holes)} holes in the recording" if replay.holes else ""
     computed = f", {replay.matches} matches computed anew" if replay.matches else ""
     yield f"{report.path}: {verdict}: {replay.events} events, {replay.commands} commands{computed}"
     share = replay.reading_s / max(replay.elapsed_s, 1e-9)
     yield f"  {replay.regime}; {replay.speed:.0f}× real time, {share:.0%} of it reading"
+    for hole in replay.holes:
+        yield f"  hole: {hole}"
     for story in told:
         yield f"  {story}"
         for line in story.details():
@@ -112,6 +115,7 @@ def document(report: Report) -> dict[str, object]:
         "matches": replay.matches,
         "requests": {name: result.outcome.value for name, result in replay.recorded.items()},
         "replayed": {name: result.outcome.value for name, result in replay.replayed.items()},
+        "holes": [msgspec.to_builtins(hole) for hole in replay.holes],
         "differences": [msgspec.to_builtins(found) for found in replay.differences],
         "speed_over_real_time": round(replay.speed, 1),
         "reading_share": round(replay.reading_s / max(replay.elapsed_s, 1e-9), 3),
@@ -136,6 +140,8 @@ def junit(reports: Sequence[Report]) -> str:
         whole = Xml.SubElement(suite, "testcase", classname=report.path.stem, name=RIG, time=f"{elapsed_s:.3f}")
         if report.error:
             Xml.SubElement(whole, "error", message=report.error)
+        if report.replay is not None and report.replay.holes:
+            Xml.SubElement(whole, "system-out").text = "\n".join(map(str, report.replay.holes))
         for story in told:
             case = whole
             if story.name != RIG:
