@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PARTS = ("setup.py", "ptzd", "systemd", "config", "pyproject.toml", "README.md", "LICENSE")
+PARTS = ("ptzd", "setup.py", "systemd", "config", "pyproject.toml", "README.md", "LICENSE")
 INSTALL = "import sys; from pathlib import Path; from ptzd.app.installing import write_files; \
 write_files(Path(sys.argv[1]), Path(sys.argv[2]))"
 
