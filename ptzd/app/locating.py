@@ -14,7 +14,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from ptzd.calibration.file import load_rig
-from ptzd.config import Search
+from ptzd.config import Limits, Search
 from ptzd.control.admission import check_box
 from ptzd.control.decision import Decision, Thresholds, Verdict, decide, direction_sigma_rad
 from ptzd.control.scan import ScanPlan, plan_views
@@ -158,14 +158,22 @@ def found(located: Located) -> bool:
     return located.decision.outcome is Verdict.FOUND
 
 
-def plan(*, calibration: Path, box: Box, zoom: float, range_m: tuple[float, float]) -> ScanPlan:
-    """Views that show the whole arc of a box at one zoom, for a head without limits that looks straight ahead."""
+def plan(
+    *, calibration: Path, box: Box, zoom: float, range_m: tuple[float, float], limits: Limits | None = None
+) -> tuple[ScanPlan, Rig]:
+    """Views that show the whole arc of a box at one zoom, for a head that looks straight ahead, and the rig.
+
+    Without limits the head turns without end; with those of the settings it stays within them.
+    """
     rig = load_rig(calibration)
     _checked(box, rig)
-    limits = HeadLimits(pan_deg=(-180, 180), tilt_deg=(-90, 90), zoom=(zoom, zoom), endless_pan=True)
+    if limits is not None and not limits.zoom[0] <= zoom <= limits.zoom[1]:
+        raise DataError(f"--zoom {zoom:g}: limits.zoom allows {limits.zoom[0]:g} to {limits.zoom[1]:g}")
+    within = limits or Limits()
+    reach = HeadLimits(pan_deg=within.pan_deg, tilt_deg=within.tilt_deg, zoom=(zoom, zoom), endless_pan=limits is None)
     present = HeadReading(pan_deg=0.0, tilt_deg=0.0, zoom=zoom)
     hfov_rad = rig.zoom.camera_at(zoom).hfov_rad
-    return plan_views(rig, box, inverse_interval(range_m), limits, present, hfov_rad=hfov_rad)
+    return plan_views(rig, box, inverse_interval(range_m), reach, present, hfov_rad=hfov_rad), rig
 
 
 def draw(located: Located) -> NDArray[np.uint8]:

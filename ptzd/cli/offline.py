@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ptzd.app import locating
+from ptzd.app.loading import load_config
 from ptzd.control.states import mermaid
 
 
@@ -50,8 +52,12 @@ def _write_picture(path: Path, pixels: NDArray[np.uint8]) -> None:
 
 def plan(arguments: argparse.Namespace) -> int:
     """List the views of a scan."""
-    planned = locating.plan(
-        calibration=arguments.calibration, box=arguments.box, zoom=arguments.zoom, range_m=arguments.range
+    planned, rig = locating.plan(
+        calibration=arguments.calibration,
+        box=arguments.box,
+        zoom=arguments.zoom,
+        range_m=arguments.range,
+        limits=None if arguments.config is None else load_config(arguments.config).limits,
     )
     views = [
         {
@@ -67,7 +73,10 @@ def plan(arguments: argparse.Namespace) -> int:
     else:
         for number, view in enumerate(views, 1):
             print(f"{number}: " + ", ".join(f"{name} {value:g}" for name, value in view.items()))
-    return 0
+    if planned.unreachable:
+        missing = planned.unreachable_in_words(metric=rig.metric)
+        print(f"ptzd: no pose within the limits shows {missing}", file=sys.stderr)
+    return 0 if views else 1
 
 
 def schema(arguments: argparse.Namespace) -> int:

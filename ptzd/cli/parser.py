@@ -153,6 +153,7 @@ def _add_offline_commands(commands: argparse._SubParsersAction[_Parser]) -> None
     plan.add_argument("--box", type=box, required=True, metavar="X,Y,W,H")
     plan.add_argument("--zoom", type=float, required=True)
     plan.add_argument("--range", type=interval, default=(1.0, 100.0), metavar="MIN,MAX")
+    plan.add_argument("--config", type=Path, help="settings whose limits the head is to keep (default: none)")
     plan.add_argument("--json", action="store_true")
     plan.set_defaults(run=offline.plan)
     replay = commands.add_parser("replay", help="run the same decisions again from a log")

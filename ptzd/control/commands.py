@@ -63,6 +63,8 @@ class PinFrame(Command):
 
     request_id: str
     frame: FrameRef
+    instead_of: tuple[FrameRef, ...] = ()
+    """Frames of the request that newer boxes have replaced: their bytes may go."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,7 +11,7 @@ from ptzd.control import events as ev
 from ptzd.control.memory import Active, Ended, Memory, Request
 from ptzd.control.work import Work, seconds
 from ptzd.errors import RequestRefused
-from ptzd.model import Outcome
+from ptzd.model import FrameRef, Outcome
 
 ENDED_KEPT = 1024
 """Results remembered for repeated ids, besides their age limit."""
@@ -53,7 +53,7 @@ class Desk:
         except RequestRefused as refused:
             self.refuse(event.token, refused, event.id)
             return None
-        self.work.out.append(cmd.PinFrame(request_id=request.id, frame=request.frame))
+        self._pin(request, request.frame)
         return request
 
     def preempts(self, request: Request) -> bool:
@@ -115,11 +115,17 @@ class Desk:
             request.newer_box, request.newer_frame = event.box, frame
         else:
             request.box, request.frame = event.box, frame
-        work.out.append(cmd.PinFrame(request_id=request.id, frame=frame))
+        self._pin(request, frame)
         work.out.append(cmd.PublishFeedback(id=event.id, step="update", detail={"seq": frame.seq}))
         if event.token is not None:
             work.out.append(cmd.ReplyOutcome(token=event.token, outcome="updated"))
         return request
+
+    def _pin(self, request: Request, frame: FrameRef) -> None:
+        """Keep the newest box's frame and that of the look under way; however fast updates come, no more than that."""
+        replaced = tuple(kept for kept in request.pinned if kept not in {request.frame, frame})
+        request.pinned = [kept for kept in request.pinned if kept not in {*replaced, frame}] + [frame]
+        self.work.out.append(cmd.PinFrame(request_id=request.id, frame=frame, instead_of=replaced))
 
     def answer_cancel(self, event: ev.CancelReceived) -> None:
         """Say how the request ended, by this cancel or before it."""

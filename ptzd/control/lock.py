@@ -24,6 +24,12 @@ OFF_CENTRE_SHARE = 0.7
 """A target that the limits keep off the centre is held if it is within 70 % of the way to the picture's edge."""
 SAFE_SHARE = 0.1
 """The zoom follows the first move at once when three sigma of the place are under a tenth of the final picture."""
+STANDING_PX = 1.0
+"""A box that moved by less is where it was: the match knows the place better than the arc does."""
+MAX_MISSES = 3
+"""Looks in a row that may fail while newer boxes come; after them the target is lost."""
+CONFIRMED_LOOKS = 3
+"""The target counts as held for so many ``verify_every_s`` after a confirmation."""
 ZOOMED_SHARE = 0.02
 """At the final zoom an offset under 2 % of the field of view is centred: nobody sees it."""
 
@@ -43,8 +49,8 @@ def begin(work: Work, active: Active, found: Found) -> Ended | None:
         zoom=wide_zoom,
     )
     active.scan = None
-    if active.request.newer_box is not None:
-        _adopt_update(work, active)
+    if _adopt_newest(work, active):
+        active.lock.phase = Phase.REACQUIRING
     _zoom_at_once(work, active)
     work.feedback("found", probability=round(found.decision.probability, 4), score=round(found.place.score, 4))
     return _aim(work, active)
@@ -55,7 +61,8 @@ def on_view(work: Work, active: Active, view: ViewRef) -> None:
     lock, request = _lock(active), active.request
     active.views += 1
     lock.view = view
-    half = WIDE_PX if lock.phase is Phase.REACQUIRING else NARROW_PX
+    near = lock.phase is Phase.HOLDING or not lock.moved
+    half = NARROW_PX if near and lock.phase is not Phase.REACQUIRING else WIDE_PX
     work.match(
         request_id=request.id,
         frame=request.frame,
@@ -68,7 +75,7 @@ def on_view(work: Work, active: Active, view: ViewRef) -> None:
 
 
 def on_match(work: Work, active: Active, result: MatchResult) -> Ended | None:
-    """Verified or not; go to the next step."""
+    """Verified or not; go to the next step, on the newest box that came meanwhile."""
     lock = _lock(active)
     view = lock.view
     if view is None:
@@ -77,6 +84,7 @@ def on_match(work: Work, active: Active, result: MatchResult) -> Ended | None:
     if decision.best is None or decision.outcome is not Verdict.FOUND:
         return on_unverified(work, active, decision.reason)
     lock.place, lock.probability = decision.best, decision.probability
+    lock.confirmed_ns, lock.misses, lock.moved, lock.overdue = work.t_ns, 0, False, False
     lock.sigma_deg = math.hypot(_sigma_deg(work, active, decision.best), view.sigma_deg)
     lock.box_ptz = decision.best.box_px
     offset = _offset_rad(work, decision.best, view.reading)
@@ -93,6 +101,7 @@ def on_match(work: Work, active: Active, result: MatchResult) -> Ended | None:
     centred = lock.off_centre or offset <= _tolerance_rad(work, lock)
     if not centred and lock.corrections < work.config.lock.max_corrections:
         lock.corrections += 1
+        _adopt_newest(work, active)
         return _aim(work, active)
     return _next_step(work, active)
 
@@ -100,7 +109,9 @@ def on_match(work: Work, active: Active, result: MatchResult) -> Ended | None:
 def on_unverified(work: Work, active: Active, reason: str) -> Ended | None:
     """The picture did not confirm: look again from where it was found, then give up (the machine may scan again)."""
     lock = _lock(active)
-    if lock.phase in {Phase.CENTRING, Phase.REACQUIRING}:
+    lock.misses += 1
+    newer = _adopt_newest(work, active) and lock.misses < MAX_MISSES
+    if lock.phase in {Phase.CENTRING, Phase.REACQUIRING} and not newer:
         outcome = Outcome.LOST if lock.confirmed else Outcome.NOT_FOUND
         return Ended(outcome=outcome, reason=f"{lock.phase}: {reason}", probability=lock.probability)
     if lock.phase is Phase.ZOOMING and lock.confirmed:
@@ -116,7 +127,11 @@ def on_deadline(work: Work, active: Active) -> Ended | None:
     lock = _lock(active)
     end = hold_ends_ns(work, active)
     if end is not None and work.t_ns >= end:
-        return Ended(outcome=Outcome.LOCKED, reason=lock.note or "held as asked", probability=lock.probability)
+        if _confirmed_lately(work, lock):
+            return Ended(outcome=Outcome.LOCKED, reason=lock.note or "held as asked", probability=lock.probability)
+        lock.overdue = True
+        if not work.looking:
+            lock.verify_ns = work.t_ns
     if lock.verify_ns is not None and work.t_ns >= lock.verify_ns:
         lock.verify_ns = None
         lock.corrections = 0
@@ -125,22 +140,26 @@ def on_deadline(work: Work, active: Active) -> Ended | None:
 
 
 def on_update(work: Work, active: Active) -> Ended | None:
-    """The target has a new box on a newer frame: follow it at its last known range."""
-    lock = _lock(active)
-    _adopt_update(work, active)
-    lock.corrections, lock.verify_ns = 0, None
-    if lock.phase is not Phase.HOLDING:
-        lock.zoom = lock.wide_zoom
-    work.abandon()
-    return _aim(work, active)
+    """The target has a new box on a newer frame: follow it at its last known range, once the look under way is in."""
+    return None if work.looking else _follow(work, active)
 
 
 def hold_ends_ns(work: Work, active: Active) -> int | None:
-    """When the hold is over; None before the lock and while an operator holds."""
+    """When the hold is over; None before the lock, while an operator holds, and once only a look can end it."""
     lock = active.lock
-    if lock is None or lock.locked_ns is None or work.memory.held:
+    if lock is None or lock.locked_ns is None or lock.overdue or work.memory.held:
         return None
     return lock.locked_ns + active.request.hold_ns
+
+
+def was_locked(active: Active) -> bool:
+    """Whether the client has had its lock: from then on its time-out is kept."""
+    return active.lock is not None and active.lock.locked_ns is not None
+
+
+def may_rescan(active: Active, ended: Ended) -> bool:
+    """Whether a lost target is worth another scan: not when the hold is over, and only its confirmation was missing."""
+    return ended.outcome in {Outcome.LOST, Outcome.NOT_FOUND} and not _lock(active).overdue
 
 
 def _lock(active: Active) -> LockMemory:
@@ -166,7 +185,8 @@ def _next_step(work: Work, active: Active) -> Ended | None:
     if lock.phase is Phase.CENTRING and lock.may_zoom:
         target = _zoom_wanted(work, active)
         if abs(target - lock.zoom) > work.config.ptz.zoom_tolerance:
-            lock.phase, lock.zoom, lock.corrections = Phase.ZOOMING, target, 0
+            _adopt_newest(work, active)
+            lock.phase, lock.zoom, lock.corrections = Phase.ZOOMING, _zoom_wanted(work, active), 0
             return _aim(work, active)
     lock.phase = Phase.HOLDING
     lock.verify_ns = work.t_ns + seconds(work.config.lock.verify_every_s)
@@ -174,7 +194,23 @@ def _next_step(work: Work, active: Active) -> Ended | None:
         lock.locked_ns = work.t_ns
         elapsed_ms = (work.t_ns - active.request.accepted_ns) // 1_000_000
         work.feedback("locked", elapsed_ms=elapsed_ms, range_m=range_of(lock.place))
-    return on_deadline(work, active)
+    return on_deadline(work, active) or _follow(work, active)
+
+
+def _confirmed_lately(work: Work, lock: LockMemory) -> bool:
+    """Whether the target was seen in its place so lately that it counts as held."""
+    oldest = work.t_ns - CONFIRMED_LOOKS * seconds(work.config.lock.verify_every_s)
+    return lock.misses == 0 and lock.confirmed_ns >= oldest
+
+
+def _follow(work: Work, active: Active) -> Ended | None:
+    """Look for the newest box, if one waits."""
+    if active.request.newer_box is None:
+        return None
+    lock = _lock(active)
+    _adopt_newest(work, active)
+    lock.corrections, lock.verify_ns = 0, None
+    return _aim(work, active)
 
 
 def _aim(work: Work, active: Active) -> Ended | None:
@@ -261,14 +297,16 @@ def _filling_hfov(work: Work, active: Active) -> float:
     return 2 * math.atan(half / request.fill)
 
 
-def _adopt_update(work: Work, active: Active) -> None:
+def _adopt_newest(work: Work, active: Active) -> bool:
+    """Take over the box that waits and predict its place; whether there was one, and it is elsewhere."""
     request, lock = active.request, _lock(active)
-    if request.newer_box is None or request.newer_frame is None:
-        raise AssertionError("an update without its box or frame")
-    request.box, request.frame = request.newer_box, request.newer_frame
-    request.newer_box = request.newer_frame = None
-    lock.place = _predicted(work, active, lock.place)
-    lock.phase = lock.phase if lock.phase is Phase.HOLDING else Phase.REACQUIRING
+    old = request.box
+    if not request.adopt_newest():
+        return False
+    moved = max(math.dist(here, there) for here, there in zip(old.corners, request.box.corners, strict=True))
+    if moved >= STANDING_PX:
+        lock.place, lock.moved = _predicted(work, active, lock.place), True
+    return moved >= STANDING_PX
 
 
 def _sigma_deg(work: Work, active: Active, place: Candidate) -> float:

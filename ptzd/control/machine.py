@@ -195,10 +195,12 @@ class Machine:
         active = self._memory.active
         if ended is None or active is None:
             return
-        if ended.outcome in {Outcome.LOST, Outcome.NOT_FOUND} and active.rescans < MAX_RESCANS:
+        if lock.may_rescan(active, ended) and active.rescans < MAX_RESCANS:
             self._work.abandon()
+            if lock.was_locked(active):
+                active.request.expires_ns += self._work.t_ns - active.request.accepted_ns
             active.lock, active.rescans = None, active.rescans + 1
-            active.request.expires_ns += self._work.t_ns - active.request.accepted_ns
+            active.request.adopt_newest()
             self._work.feedback("note", text=f"{ended.reason}; scanning again")
             again = search.begin(self._work, active)
             if again is None:
@@ -370,8 +372,7 @@ class Machine:
             self._operator.go_home()
 
     def _on_request_deadline(self, active: Active) -> None:
-        locked = active.lock is not None and active.lock.locked_ns is not None
-        if not locked and self._work.t_ns >= active.request.expires_ns:
+        if not lock.was_locked(active) and self._work.t_ns >= active.request.expires_ns:
             self._end(Outcome.TIMEOUT, "not locked within timeout_s")
             self._work.stop()
         elif active.lock is not None:

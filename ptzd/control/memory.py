@@ -49,8 +49,18 @@ class Request:
     expires_ns: int
     """To be locked by then."""
     newer_box: Box | None = None
-    """An update that came before the lock; taken over when the lock begins."""
+    """The newest update; waits for the look under way, or for the lock to begin."""
     newer_frame: FrameRef | None = None
+    pinned: list[FrameRef] = field(default_factory=list)
+    """Frames whose bytes are kept for the request."""
+
+    def adopt_newest(self) -> bool:
+        """Take over the newest update, if one waits."""
+        if self.newer_box is None or self.newer_frame is None:
+            return False
+        self.box, self.frame = self.newer_box, self.newer_frame
+        self.newer_box = self.newer_frame = None
+        return True
 
 
 @dataclass(slots=True, kw_only=True)
@@ -111,7 +121,15 @@ class LockMemory:
     off_centre: bool = False
     """The head's limits keep the target off the picture's centre."""
     confirmed: bool = False
+    confirmed_ns: int = 0
+    """When a picture confirmed the place last; 0 before the first one."""
+    misses: int = 0
+    """Looks without a confirmation since the last one."""
+    moved: bool = False
+    """The box has moved since the place was confirmed."""
     locked_ns: int | None = None
+    overdue: bool = False
+    """The hold is over, but the last confirmation is too old to say so: the next look decides."""
     verify_ns: int | None = None
     view: ViewRef | None = None
     """The picture matched last."""

@@ -51,6 +51,16 @@ class ScanPlan:
     views: tuple[PlannedView, ...]
     unreachable: tuple[tuple[float, float], ...]
     """Intervals of inverse range, ascending, that no pose within the limits shows."""
+    unreachable_share: float
+    """Share of the arc's length in them, 0 to 1."""
+
+    def unreachable_in_words(self, *, metric: bool) -> str:
+        """What no pose shows, e.g. ``range 0.6 to 1.1 m, 23 % of the arc``; empty when all is reached."""
+        if not self.unreachable:
+            return ""
+        unit = "m" if metric else "baselines"
+        gaps = " and ".join(f"{_range(far)} to {_range(near)} {unit}" for near, far in self.unreachable)
+        return f"range {gaps}, {_percent(self.unreachable_share)} of the arc"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,14 +139,26 @@ def plan_views(
     margin = min(radius * float(magnification.max()) + band_rad + overlap_rad, MAX_MARGIN_SHARE * inscribed)
     views: list[PlannedView] = []
     gaps: list[tuple[float, float]] = []
+    length = missing = 0.0
     for piece in _pieces(arc):
         cover = _Cover(rig=rig, arc=piece, limits=limits, planes=planes, margin_rad=margin)
         chosen, missed = cover.plan((inscribed - margin) / CANDIDATES_PER_VIEW)
         views += [_view(cover, chosen, index, zoom, camera.hfov_rad) for index in range(len(chosen.low))]
         gaps += [cover.interval(*gap) for gap in missed]
+        first, last = cover.ends()
+        length, missing = length + last - first, missing + sum(end - start for start, end in missed)
     if views and _travel(present, views[-1].reading, limits) < _travel(present, views[0].reading, limits):
         views.reverse()
-    return ScanPlan(views=tuple(views), unreachable=tuple(gaps))
+    share = min(missing / length, 1.0) if length > 0.0 else float(bool(gaps))
+    return ScanPlan(views=tuple(views), unreachable=tuple(gaps), unreachable_share=share)
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f} %" if share >= 0.01 else "under 1 %"
+
+
+def _range(inverse_range: float) -> str:
+    return f"{1.0 / inverse_range:.3g}" if inverse_range > 0.0 else "infinity"
 
 
 def _extremes(arc: EpipolarArc) -> Array:

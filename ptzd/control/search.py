@@ -9,7 +9,7 @@ import numpy as np
 
 from ptzd.control.decision import Decision, Thresholds, Verdict, decide
 from ptzd.control.memory import Active, ScanMemory, ViewMatch
-from ptzd.control.scan import plan_views
+from ptzd.control.scan import ScanPlan, plan_views
 from ptzd.control.work import Work
 from ptzd.geometry.arc import EpipolarArc
 from ptzd.geometry.types import pixel_angle_rad
@@ -50,13 +50,11 @@ def begin(work: Work, active: Active) -> Ended | None:
     """Plan the first round and send the head to its first view; Ended when nothing of the arc can be reached."""
     request = active.request
     wish = work.config.search.scan_hfov_deg
-    views = _plan(work, active, request.inverse_range, None if wish is None else math.radians(wish))
-    if not views:
+    plan = _plan(work, active, request.inverse_range, None if wish is None else math.radians(wish))
+    if not plan.views:
         reason = "no part of the region's epipolar arc lies within the head's limits; check limits and range_m"
         return Ended(outcome=Outcome.UNREACHABLE, reason=reason)
-    active.scan = ScanMemory(round=1, views=views)
-    work.feedback("plan", views=len(views), round=1)
-    work.move(views[0])
+    _set_out(work, active, ScanMemory(round=1, views=_poses(plan)), _missing(work, plan))
     return None
 
 
@@ -128,9 +126,7 @@ def conclude(work: Work, active: Active) -> Progress:
     if decision.outcome is Verdict.AMBIGUOUS and scan.round < work.config.search.max_rounds:
         closer = _closer(work, active, decision)
         if closer:
-            active.scan = ScanMemory(round=scan.round + 1, views=closer)
-            work.feedback("plan", views=len(closer), round=scan.round + 1)
-            work.move(closer[0])
+            _set_out(work, active, ScanMemory(round=scan.round + 1, views=closer, notes=scan.notes))
             return None
     return _refused(decision, scan)
 
@@ -160,12 +156,29 @@ def _refused(decision: Decision, scan: ScanMemory) -> Ended:
     return Ended(outcome=Outcome(decision.outcome.value), reason=reason, probability=decision.probability)
 
 
-def _plan(work: Work, active: Active, inverse_range: tuple[float, float], hfov_rad: float | None) -> list[HeadReading]:
+def _set_out(work: Work, active: Active, scan: ScanMemory, missing: str = "") -> None:
+    """Begin a round: tell what it shows and what no pose can show, and send the head to its first view."""
+    active.scan = scan
+    detail: dict[str, object] = {"unreachable": missing} if missing else {}
+    if missing:
+        scan.notes.append(f"no pose within the head's limits shows {missing}")
+    work.feedback("plan", views=len(scan.views), round=scan.round, **detail)
+    work.move(scan.views[0])
+
+
+def _missing(work: Work, plan: ScanPlan) -> str:
+    return plan.unreachable_in_words(metric=work.rig.metric)
+
+
+def _poses(plan: ScanPlan) -> list[HeadReading]:
+    return [view.reading for view in plan.views]
+
+
+def _plan(work: Work, active: Active, inverse_range: tuple[float, float], hfov_rad: float | None) -> ScanPlan:
     limits, present = work.memory.limits, work.memory.reading
     if limits is None or present is None:
         raise AssertionError("a scan without limits or a position")
-    plan = plan_views(work.rig, active.request.box, inverse_range, limits, present, hfov_rad=hfov_rad)
-    return [view.reading for view in plan.views]
+    return plan_views(work.rig, active.request.box, inverse_range, limits, present, hfov_rad=hfov_rad)
 
 
 def _closer(work: Work, active: Active, decision: Decision) -> list[HeadReading]:
@@ -179,7 +192,8 @@ def _closer(work: Work, active: Active, decision: Decision) -> list[HeadReading]
     hfov = max(work.rig.zoom.camera_at(scan.taken[0].reading.zoom).hfov_rad * CLOSER, narrowest)
     views: list[HeadReading] = []
     for place in alike:
-        views += _plan(work, active, neighbourhood(work, active, place.inverse_range, NEIGHBOURHOOD_PX), hfov)
+        near = neighbourhood(work, active, place.inverse_range, NEIGHBOURHOOD_PX)
+        views += _poses(_plan(work, active, near, hfov))
     return views
 
 

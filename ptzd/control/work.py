@@ -111,6 +111,11 @@ class Work:
             self.memory.matches.clear()
             self.out.append(cmd.AbandonMatches())
 
+    @property
+    def looking(self) -> bool:
+        """Whether a look is under way: a move, a picture or a match that will be answered."""
+        return self.memory.head is not None or bool(self.memory.matches)
+
     def answers_head(self, kind: Awaited, number: int) -> bool:
         """Whether this is the answer the core waits for; if so, it waits no more."""
         head = self.memory.head

@@ -76,6 +76,12 @@ class RecentPictures:
         if known is not None:
             self._used.setdefault(owner, {})[key] = known
 
+    def let_go(self, owner: str, topic: str, frames: tuple[FrameRef, ...]) -> None:
+        """The owner uses these no more."""
+        used = self._used.get(owner, {})
+        for frame in frames:
+            used.pop(key_of(topic, frame), None)
+
     def release(self, owner: str) -> None:
         """The owner uses no picture any more."""
         self._used.pop(owner, None)

@@ -164,6 +164,7 @@ class McapLog:
             case PinFrame():
                 self.require(FISHEYE_IMAGE, command.frame)
                 self._pictures.use(_request(command.request_id), FISHEYE_IMAGE, command.frame)
+                self._pictures.let_go(_request(command.request_id), FISHEYE_IMAGE, command.instead_of)
             case ReleaseFrames():
                 self._pictures.release(_request(command.request_id))
             case RunMatch():

@@ -29,11 +29,13 @@ class FrameStore:
         while len(self._ring) > self._ring_size:
             self._ring.popitem(last=False)
 
-    def pin(self, request_id: str, frame: FrameRef) -> Picture | None:
-        """Keep a frame for a request; None when it is no longer here."""
-        picture = self.fisheye(frame)
+    def pin(self, request_id: str, frame: FrameRef, instead_of: tuple[FrameRef, ...] = ()) -> Picture | None:
+        """Keep a frame for a request and let go those that it replaces; None when it is no longer here."""
+        picture, kept = self.fisheye(frame), self._pinned.setdefault(request_id, {})
         if picture is not None:
-            self._pinned.setdefault(request_id, {})[frame] = picture
+            kept[frame] = picture
+        for replaced in instead_of:
+            kept.pop(replaced, None)
         return picture
 
     def release(self, request_id: str) -> None:

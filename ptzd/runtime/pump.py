@@ -91,7 +91,7 @@ class Pump:
     def _perform(self, command: cmd.Command) -> None:
         match command:
             case cmd.PinFrame():
-                self._frames.pin(command.request_id, command.frame)
+                self._frames.pin(command.request_id, command.frame, command.instead_of)
             case cmd.ReleaseFrames():
                 self._frames.release(command.request_id)
             case cmd.Finished():

@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import yaml
 
 from ptzd.cli import entry
 from ptzd.control.states import mermaid
@@ -91,6 +92,29 @@ def test_a_plan_lists_views_that_show_the_arc(capsys) -> None:
     assert len(closer) > len(near)
     assert entry([*plan, "--range", "5,inf"]) == 0
     assert capsys.readouterr().out.startswith("1: pan_deg ")
+
+
+@pytest.mark.parametrize(("low", "code", "views"), [(-5, 0, True), (40, 1, False)])
+def test_a_plan_within_limits_says_what_they_hide(tmp_path, capsys, low: float, code: int, views: bool) -> None:
+    settings = tmp_path / "ptzd.yaml"
+    source = {"source": "files", "path": "pictures"}
+    document = {
+        "rig": "gate",
+        "calibration": "rig.yaml",
+        "fisheye": source,
+        "ptz": {"url": "http://127.0.0.1:1", "user": "operator"},
+        "limits": {"pan_deg": [low, 170]},
+        "home": {"pan_deg": 60},
+    }
+    settings.write_text(yaml.safe_dump(document))
+    plan = ["plan", "--calibration", CALIBRATION, "--box", "300,220,40,40", "--zoom", "5000", "--range", "0.6,100"]
+    assert entry([*plan, "--json", "--config", str(settings)]) == code
+    out, err = capsys.readouterr()
+    assert all(view["pan_deg"] >= low for view in json.loads(out))
+    assert bool(json.loads(out)) is views
+    assert err.startswith("ptzd: no pose within the limits shows range ")
+    assert " of the arc" in err
+    assert len(err.splitlines()) == 1
 
 
 @pytest.mark.parametrize("zoom", ["0", "20000"])
