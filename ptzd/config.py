@@ -15,8 +15,17 @@ from msgspec import Meta, Struct, field
 from ptzd.errors import ConfigError
 from ptzd.model import MATCH_BUDGET_S, Matcher
 
-Positive = Annotated[float, Meta(gt=0)]
-NotNegative = Annotated[float, Meta(ge=0)]
+DAY_S = 86_400.0
+Seconds = Annotated[float, Meta(ge=0, le=DAY_S)]
+PositiveSeconds = Annotated[float, Meta(gt=0, le=DAY_S)]
+Rate = Annotated[float, Meta(gt=0, le=1000)]
+"""Per second."""
+Degrees = Annotated[float, Meta(gt=0, le=360)]
+Pixels = Annotated[int, Meta(ge=16, le=65_535)]
+Size = tuple[Pixels, Pixels]
+Bytes = Annotated[int, Meta(ge=1_000_000, le=1 << 50)]
+Word = Annotated[int, Meta(ge=-(1 << 31), le=(1 << 31) - 1)]
+"""What one driver control takes."""
 Share = Annotated[float, Meta(ge=0.05, le=0.95)]
 Probability = Annotated[float, Meta(ge=0, le=1)]
 Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9._-]{1,64}$(?!\n)")]
@@ -32,12 +41,12 @@ class V4l2Source(Part, frozen=True, forbid_unknown_fields=True, kw_only=True, ta
 
     device: str
     """Stable name, e.g. ``/dev/v4l/by-id/…-video-index0``; numbers change at every replug."""
-    size_px: tuple[int, int]
-    fps: Positive = 30.0
+    size_px: Size
+    fps: Rate = 30.0
     format: Literal["MJPG", "JPEG", "YUYV", "UYVY", "GREY"] = "MJPG"
-    controls: dict[str, int] = field(default_factory=dict)
+    controls: dict[str, Word] = field(default_factory=dict)
     """Driver controls by name, set at every open, e.g. ``{exposure_time_absolute: 150}``."""
-    stall_s: Positive = 2.0
+    stall_s: PositiveSeconds = 2.0
     """No frame for this long = the camera is lost."""
 
 
@@ -47,9 +56,9 @@ class HttpSource(Part, frozen=True, forbid_unknown_fields=True, kw_only=True, ta
     url: str
     user: str | None = None
     password_file: str | None = None
-    latency_s: NotNegative = 0.0
+    latency_s: Seconds = 0.0
     """Exposure to arrival of the last byte."""
-    stall_s: Positive = 2.0
+    stall_s: PositiveSeconds = 2.0
     allow_basic_over_http: bool = False
     certificate_sha256: str | None = None
     """SHA-256 of the certificate to insist on, 64 hex digits, whoever signed it."""
@@ -59,7 +68,7 @@ class FilesSource(Part, frozen=True, forbid_unknown_fields=True, kw_only=True, t
     """Pictures from a folder, in the order of their names."""
 
     path: str
-    fps: Positive = 10.0
+    fps: Rate = 10.0
     loop: bool = True
 
 
@@ -74,28 +83,28 @@ class Ptz(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     user: str
     password_file: str | None = None
     """A file with one line; without it ``$CREDENTIALS_DIRECTORY/axis-password``."""
-    camera: Annotated[int, Meta(ge=1)] = 1
-    size_px: tuple[int, int] = (640, 480)
-    fps: Positive = 15.0
+    camera: Annotated[int, Meta(ge=1, le=64)] = 1
+    size_px: Size = (640, 480)
+    fps: Rate = 15.0
     compression: Annotated[int, Meta(ge=0, le=100)] = 20
     allow_basic_over_http: bool = False
     """Basic sends the password readable by anybody on the way: only over TLS unless this is true."""
     certificate_sha256: str | None = None
     """Fingerprint of a self-signed certificate (hex, colons allowed); without it the system's authorities decide."""
     poll_hz: Annotated[float, Meta(ge=1, le=25)] = 10.0
-    image_latency_s: NotNegative = 0.10
+    image_latency_s: Seconds = 0.10
     """Middle of the exposure to arrival of the last byte."""
-    report_lag_s: NotNegative = 0.10
+    report_lag_s: Seconds = 0.10
     """Age of a reported position."""
-    arrival_tolerance_deg: Positive = 0.05
-    zoom_tolerance: Positive = 8.0
+    arrival_tolerance_deg: Degrees = 0.05
+    zoom_tolerance: Annotated[float, Meta(gt=0, le=9999)] = 8.0
     """VAPIX zoom units."""
-    settle_s: NotNegative = 0.2
+    settle_s: Seconds = 0.2
     """Rest before a picture counts, on top of the stable positions."""
-    move_spacing_s: NotNegative = 0.1
+    move_spacing_s: Seconds = 0.1
     """Least time between two moves; 1.0 for cameras of the 214 class, which buffer commands."""
-    move_timeout_s: Positive = 15.0
-    stall_s: Positive = 5.0
+    move_timeout_s: PositiveSeconds = 15.0
+    stall_s: PositiveSeconds = 5.0
     endless_pan: bool | None = None
     """Whether the head turns on over ±180°; without it, told from the camera's pan limits."""
 
@@ -114,7 +123,7 @@ class Home(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     pan_deg: float = 0.0
     tilt_deg: float = 0.0
     zoom: float = 1.0
-    idle_s: NotNegative = 5.0
+    idle_s: Seconds = 5.0
     """Quiet time after the last request before the head goes home."""
 
 
@@ -124,7 +133,7 @@ class Search(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     matcher: Matcher = Matcher.SWEEP
     range_m: Interval = (1.0, 100.0)
     """Default interval of range (in baselines when the rig is not metric); ``.inf`` allowed as its end."""
-    scan_hfov_deg: Positive | None = None
+    scan_hfov_deg: Annotated[float, Meta(gt=0, lt=180)] | None = None
     """Field of view of the scan; without it, chosen from the region's sampling."""
     accept_probability: Probability = 0.8
     """At or above it a match is believed."""
@@ -132,9 +141,9 @@ class Search(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """At or above it the remaining views are not taken."""
     max_rounds: Annotated[int, Meta(ge=1, le=3)] = 2
     """Scans of one request; each further one looks closer."""
-    frame_max_age_s: Positive = 3.0
+    frame_max_age_s: PositiveSeconds = 3.0
     """A request on an older fisheye frame is refused as stale."""
-    seed: int = 1
+    seed: Annotated[int, Meta(ge=0, le=(1 << 63) - 1)] = 1
     match_budget_s: Annotated[float, Meta(ge=0.1, le=20)] = MATCH_BUDGET_S
     """Most time of one match, counted in work and not by the clock; a match that needs more fails and says so."""
 
@@ -142,14 +151,14 @@ class Search(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
 class Lock(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Centre, zoom, verify, hold."""
 
-    tolerance_deg: Positive = 0.15
+    tolerance_deg: Degrees = 0.15
     """Offset under which the lock needs no further correction."""
     max_corrections: Annotated[int, Meta(ge=0, le=5)] = 2
     fill: Share = 0.5
-    hold_s: NotNegative = 5.0
-    verify_every_s: Positive = 2.0
+    hold_s: Seconds = 5.0
+    verify_every_s: PositiveSeconds = 2.0
     verify_probability: Probability = 0.6
-    sigma_limit: Positive = 3.0
+    sigma_limit: Annotated[float, Meta(gt=0, le=100)] = 3.0
     """Never zoom so far that this many sigma of the pointing error leave the picture."""
 
 
@@ -157,9 +166,9 @@ class Queue(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Waiting requests."""
 
     size: Annotated[int, Meta(ge=0, le=64)] = 8
-    timeout_s: Positive = 60.0
+    timeout_s: PositiveSeconds = 60.0
     """Default time from acceptance to the lock."""
-    results_kept_s: Positive = 600.0
+    results_kept_s: PositiveSeconds = 600.0
 
 
 class BusSettings(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -177,14 +186,14 @@ class LogSettings(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The black box."""
 
     directory: str = "log"
-    fisheye_every_n: Annotated[int, Meta(ge=1)] = 1
+    fisheye_every_n: Annotated[int, Meta(ge=1, le=1_000_000)] = 1
     """Of the fisheye frames that no request used, every n-th is kept; used ones always are."""
-    rotate_bytes: Annotated[int, Meta(ge=1_000_000)] = 1 << 30
-    rotate_s: Positive = 300.0
-    keep_bytes: Annotated[int, Meta(ge=1_000_000)] = 20 << 30
-    keep_days: Positive = 30.0
-    min_free_bytes: Annotated[int, Meta(ge=0)] = 2 << 30
-    queue_frames: Annotated[int, Meta(ge=1)] = 64
+    rotate_bytes: Bytes = 1 << 30
+    rotate_s: Annotated[float, Meta(ge=1, le=7 * DAY_S)] = 300.0
+    keep_bytes: Bytes = 20 << 30
+    keep_days: Annotated[float, Meta(gt=0, le=36_500)] = 30.0
+    min_free_bytes: Annotated[int, Meta(ge=0, le=1 << 50)] = 2 << 30
+    queue_frames: Annotated[int, Meta(ge=1, le=10_000)] = 64
 
 
 class DriftSettings(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -272,7 +281,7 @@ def parse_config(document: object, name: str) -> Config:
     """
     if not isinstance(document, dict):
         raise ConfigError(f"{name}: the file must hold a mapping of settings, got {type(document).__name__}")
-    _refuse_nan(document, name, "")
+    _refuse_not_finite(document, name, "")
     try:
         config = msgspec.convert(document, Config, strict=True)
     except msgspec.ValidationError as error:
@@ -282,15 +291,19 @@ def parse_config(document: object, name: str) -> Config:
     return config
 
 
-def _refuse_nan(value: object, name: str, path: str) -> None:
-    if isinstance(value, float) and math.isnan(value):
-        raise ConfigError(f"{name}: {path}: NaN is not a value; give a number")
+ENDLESS = "search.range_m[1]"
+"""The only number that may be infinite: the far end of the search."""
+
+
+def _refuse_not_finite(value: object, name: str, path: str) -> None:
+    if isinstance(value, float) and (math.isnan(value) or (math.isinf(value) and (path != ENDLESS or value < 0))):
+        raise ConfigError(f"{name}: {path}: {value} is no number that can be used here; give a finite one")
     if isinstance(value, dict):
         for key, item in value.items():
-            _refuse_nan(item, name, f"{path}.{key}".removeprefix("."))
+            _refuse_not_finite(item, name, f"{path}.{key}".removeprefix("."))
     if isinstance(value, list):
         for index, item in enumerate(value):
-            _refuse_nan(item, name, f"{path}[{index}]")
+            _refuse_not_finite(item, name, f"{path}[{index}]")
 
 
 def _check_ranges(config: Config, name: str) -> None:

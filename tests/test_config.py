@@ -98,7 +98,7 @@ def test_the_settings_file_states_the_defaults() -> None:
         ("search.max_rounds", 4, "search.max_rounds"),
         ("search.range_m", [0.0, 5.0], "search.range_m: the nearest range must be above 0"),
         ("search.range_m", [5.0, 5.0], "search.range_m: the first value must be below the second"),
-        ("search.range_m", [float("nan"), 5.0], "search.range_m[0]: NaN"),
+        ("search.range_m", [float("nan"), 5.0], "search.range_m[0]: nan"),
         ("limits.tilt_deg", [10.0, -10.0], "limits.tilt_deg"),
         ("home.tilt_deg", 91.0, "home.tilt_deg: 91.0 is outside limits.tilt_deg (-90.0 to 90.0)"),
         ("home.zoom", 0.0, "home.zoom"),

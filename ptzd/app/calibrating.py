@@ -21,6 +21,7 @@ from ptzd.calibration.pictures import Boards, read_boards
 from ptzd.calibration.readers import read_foreign
 from ptzd.calibration.target import Target
 from ptzd.calibration.views import ViewVerdict
+from ptzd.documents import DocumentError, parse_yaml, read_text
 from ptzd.errors import CalibrationError
 from ptzd.geometry.head import Axis, HeadModel
 from ptzd.geometry.sphere import angle_between
@@ -105,7 +106,9 @@ def read_part(work: Path, name: str) -> dict[str, Any]:
     """
     path = part_path(work, name)
     try:
-        document = yaml.safe_load(path.read_text())
+        document = parse_yaml(read_text(path))
+    except DocumentError as error:
+        raise CalibrationError(f"{path}: {error}") from None
     except OSError:
         made_by = {"fisheye": "fisheye", "ptz": "zoom", "head": "head"}[name]
         raise CalibrationError(f"{path}: missing; make it with `ptzd calibrate {made_by} --work {work}`") from None

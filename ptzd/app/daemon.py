@@ -13,7 +13,6 @@ from typing import Literal
 
 import cv2
 import msgspec
-import yaml
 
 from ptzd.app.drift import DriftWatch
 from ptzd.app.fingerprint import fingerprint, versions
@@ -28,6 +27,7 @@ from ptzd.devices.files import FilesFisheye
 from ptzd.devices.http_fisheye import HttpFisheye
 from ptzd.devices.v4l2 import V4l2Fisheye
 from ptzd.devices.vapix.head import VapixHead
+from ptzd.documents import parse_mapping
 from ptzd.log.illustrate import Illustrator
 from ptzd.log.run import RunInfo
 from ptzd.log.writer import McapLog
@@ -121,7 +121,7 @@ async def _life(loaded: Loaded, stop: asyncio.Event, again: asyncio.Event, ready
                 status_extra=lambda: _status_extra(log, parts.daemon),
             )
         )
-        bus.set_calibration(yaml.safe_load(loaded.calibration_text))
+        bus.set_calibration(parse_mapping(loaded.calibration_text))
         fisheye = await stack.enter_async_context(open_fisheye(config.fisheye, clock))
         head = await stack.enter_async_context(VapixHead(config.ptz, config.limits, clock))
         perception = await stack.enter_async_context(ThreadPerception(loaded.rig))

@@ -17,13 +17,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from ptzd.calibration.drift import Drift, DriftMonitor, Lock, refined
 from ptzd.calibration.file import dump_rig, load_provenance
 from ptzd.config import Config
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
+from ptzd.documents import parse_mapping
 from ptzd.errors import CalibrationError
 from ptzd.geometry.rig import Rig
 from ptzd.geometry.sphere import bearing
@@ -113,7 +113,7 @@ def _made_from(path: Path) -> object:
 
 def _source(text: str) -> str:
     """Digest of the calibration in the settings that a text is, or was refined from."""
-    document = yaml.safe_load(text)
+    document = parse_mapping(text)
     made_from = document.get("provenance", {}).get(SOURCE)
     return str(made_from) if made_from else _digest(text)
 

@@ -12,6 +12,7 @@ from ptzd.app.drift import in_force
 from ptzd.calibration.file import read_rig
 from ptzd.config import Config, FilesSource, HttpSource, parse_config
 from ptzd.devices.vapix.address import Address
+from ptzd.documents import DocumentError, parse_yaml, read_text
 from ptzd.errors import CalibrationError, ConfigError
 from ptzd.geometry.rig import Rig
 
@@ -42,8 +43,8 @@ def load(path: Path) -> Loaded:
     _check_addresses(config)
     calibration_path = Path(config.calibration)
     try:
-        calibration_text = calibration_path.read_text()
-    except (OSError, UnicodeDecodeError) as error:
+        calibration_text = read_text(calibration_path)
+    except (OSError, DocumentError) as error:
         message = f"{path}: calibration: {calibration_path} cannot be read ({error}); make one with `ptzd calibrate`"
         raise CalibrationError(message) from None
     if config.drift.monitor:
@@ -80,11 +81,11 @@ def load_config(path: Path) -> Config:
         With the file and the path of the culprit.
     """
     try:
-        document = yaml.safe_load(path.read_text())
+        document = parse_yaml(read_text(path))
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}; give the settings with --config FILE") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: not YAML: {' '.join(str(error).split())}") from None
+    except DocumentError as error:
+        raise ConfigError(f"{path}: {error}") from None
     return parse_config(document, str(path))
 
 

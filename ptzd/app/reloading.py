@@ -112,6 +112,10 @@ class Reloader:
             said = f"settings not taken, the old ones stay: {error}"
             _log.error("%s", said)
             return said
+        except Exception as error:  # noqa: BLE001  # whatever a file does, a running daemon goes on with what it has
+            said = f"settings not taken, the old ones stay: {type(error).__name__}: {error}"
+            _log.exception("%s", said)
+            return said
         if found.taken:
             self._running = found.loaded
             self._adopt(found.loaded)

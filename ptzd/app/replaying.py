@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import cv2
-import yaml
 from mcap.opcode import Opcode
 
 from ptzd.app.fingerprint import fingerprint
 from ptzd.app.loading import checked_rig, load_config
 from ptzd.config import parse_config
+from ptzd.documents import DocumentError, parse_yaml
 from ptzd.errors import CalibrationError, LogError
 from ptzd.log.migrations import settings_now
 from ptzd.log.reader import LogReader
@@ -112,8 +112,8 @@ def _regime(recorded: Mapping[str, str], *, recompute: bool) -> tuple[str, Toler
 
 def _settings(path: Path, run: RunInfo) -> object:
     try:
-        return settings_now(yaml.safe_load(run.config_text), run.schema)
-    except (LogError, yaml.YAMLError) as error:
+        return settings_now(parse_yaml(run.config_text), run.schema)
+    except (LogError, DocumentError) as error:
         raise LogError(f"{path}: config.yaml: {' '.join(str(error).split())}") from None
 
 

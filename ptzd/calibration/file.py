@@ -25,6 +25,7 @@ from ptzd.calibration.document import (
     check_document,
     require,
 )
+from ptzd.documents import DocumentError, parse_yaml, read_text
 from ptzd.errors import CalibrationError, GeometryError
 from ptzd.geometry.head import Axis, HeadModel
 from ptzd.geometry.kannala_brandt import KannalaBrandtCamera
@@ -138,25 +139,6 @@ def read_fisheye_section(section: object, name: str) -> CameraModel:
             raise CalibrationError(_explain(str(error))) from error
 
 
-class _Loader(yaml.SafeLoader):
-    """YAML's safe subset, with 1e-3 a number (as in YAML 1.2) and a key given twice an error."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen: set[str] = set()
-        for key, _ in node.value:
-            if str(key.value) in seen:
-                raise yaml.constructor.ConstructorError(None, None, f"key {key.value!r} is given twice", key.start_mark)
-            seen.add(str(key.value))
-        return super().construct_mapping(node, deep)
-
-
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"^[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)[eE][-+]?[0-9]+$"),
-    list("-+.0123456789"),
-)
-
-
 @contextmanager
 def _prefixed(path: str) -> Iterator[None]:
     """Put a path before the message of any refusal inside."""
@@ -168,23 +150,19 @@ def _prefixed(path: str) -> Iterator[None]:
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return read_text(path)
     except OSError as error:
         raise CalibrationError(f"{path}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise CalibrationError(f"{path}: is not UTF-8 text, at byte {error.start}") from error
+    except DocumentError as error:
+        raise CalibrationError(f"{path}: {error}") from None
 
 
 def _document(text: str) -> Document:
     """Return the checked document; messages start with the path inside the file."""
     try:
-        data = yaml.load(text, _Loader)  # noqa: S506 - a subclass of SafeLoader
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        where = f"line {mark.line + 1}, column {mark.column + 1}" if mark else "yaml"
-        raise CalibrationError(f"{where}: {error.problem}") from error
-    except (yaml.YAMLError, ValueError) as error:
-        raise CalibrationError(f"yaml: {str(error).splitlines()[0]}") from error
+        data = parse_yaml(text)
+    except DocumentError as error:
+        raise CalibrationError(str(error)) from None
     version = data.get("ptzd_calibration") if isinstance(data, dict) else None
     message = f"{version!r} instead of {VERSION}: not a calibration of this program's version"
     require(type(version) is int and version == VERSION, "ptzd_calibration", message)

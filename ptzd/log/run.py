@@ -6,8 +6,7 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-import yaml
-
+from ptzd.documents import DocumentError, parse_mapping
 from ptzd.errors import LogError
 from ptzd.log.migrations import SCHEMA_VERSION
 
@@ -43,10 +42,9 @@ class RunInfo:
     def metric(self) -> bool:
         """Whether the rig's ranges are in m; where the calibration does not say, they are."""
         try:
-            document = yaml.safe_load(self.calibration_text)
-        except (yaml.YAMLError, ValueError):
+            rig = parse_mapping(self.calibration_text).get("rig")
+        except DocumentError:
             return True
-        rig = document.get("rig") if isinstance(document, Mapping) else None
         return bool(rig.get("metric", True)) if isinstance(rig, Mapping) else True
 
     def metadata(self) -> dict[str, str]:

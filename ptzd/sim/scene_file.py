@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Literal
 
 import msgspec
-import yaml
 
+from ptzd.documents import DocumentError, parse_yaml, read_text
 from ptzd.errors import SimulationError
 
 Triple = tuple[float, float, float]
@@ -132,7 +132,7 @@ def read_scene_file(folder: Path) -> SceneFile:
     """
     path = folder / "scene.yaml"
     try:
-        return msgspec.convert(yaml.safe_load(path.read_text(encoding="utf-8")), SceneFile)
-    except (OSError, yaml.YAMLError, msgspec.ValidationError) as error:
+        return msgspec.convert(parse_yaml(read_text(path)), SceneFile)
+    except (OSError, DocumentError, msgspec.ValidationError) as error:
         message = f"{path}: {error}"
         raise SimulationError(message) from error

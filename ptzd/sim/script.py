@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import msgspec
-import yaml
 from msgspec import UNSET, Meta, Struct, UnsetType
 
+from ptzd.documents import DocumentError, parse_yaml, read_text
 from ptzd.errors import SimulationError
 from ptzd.sim.auth import Policy, Role
 from ptzd.sim.faults import Fault
@@ -64,7 +64,7 @@ def read_script(path: str) -> Script:
         With the path of the culprit.
     """
     try:
-        document = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        document = parse_yaml(read_text(Path(path)))
         return msgspec.convert({"faults": document} if isinstance(document, list) else document, Script)
-    except (OSError, yaml.YAMLError, msgspec.ValidationError) as error:
+    except (OSError, DocumentError, msgspec.ValidationError) as error:
         raise SimulationError(f"{path}: {error}") from error

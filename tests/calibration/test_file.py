@@ -189,8 +189,8 @@ def test_a_zoom_entry_must_look_closer():
             "ptzd_calibration: 1\nptzd_calibration: 1",
             "rig.yaml: line 2, column 1: key 'ptzd_calibration' is given twice",
         ),
-        ("a: \x07", "rig.yaml: yaml: "),
-        ("a: 2026-99-99", "rig.yaml: yaml: "),
+        ("a: \x07", "rig.yaml: not YAML: "),
+        ("a: 2026-99-99", "rig.yaml: ptzd_calibration: None instead of 1"),
         ("? [1]\n: 2", "rig.yaml: line 1"),
         ("ptzd_calibration: 1\n1: 2", "rig.yaml: "),
     ],
@@ -221,7 +221,7 @@ def test_files_that_cannot_be_read(tmp_path):
         load_rig(tmp_path / "nowhere.yaml")
     latin = tmp_path / "latin.yaml"
     latin.write_bytes(b"note: \xe9")
-    with pytest.raises(CalibrationError, match=r"latin\.yaml: is not UTF-8 text, at byte 6"):
+    with pytest.raises(CalibrationError, match=r"latin\.yaml: no UTF-8 text, at byte 6"):
         load_rig(str(latin))
     with pytest.raises(CalibrationError, match=r"nowhere\.yaml: cannot be read"):
         load_provenance(tmp_path / "nowhere.yaml")

@@ -137,16 +137,16 @@ def load_view_template():
 
 
 def test_a_board_with_another_count_is_refused(fisheye_views):
-    wrong = Target(columns=6, rows=4, pitch_m=1.0).points_m()
+    wrong = Target(columns=6, rows=4, pitch_m=0.05).points_m()
     with pytest.raises(CalibrationError, match="size"):
         calibrate_lens([replace(view, points_m=wrong) for view in fisheye_views], SIZE)
 
 
 def test_a_grey_picture_holds_no_board():
-    found = detect(np.full((480, 640), 128, np.uint8), Target(columns=4, rows=6, pitch_m=1.0), "grey")
+    found = detect(np.full((480, 640), 128, np.uint8), Target(columns=4, rows=6, pitch_m=0.05), "grey")
     assert found.status is Status.NOT_FOUND
 
 
 def test_all_boards_of_the_real_pictures_are_found(real_data):
-    boards = read_boards(real_data / "fisheye_chessboard", Target(columns=4, rows=6, pitch_m=1.0))
+    boards = read_boards(real_data / "fisheye_chessboard", Target(columns=4, rows=6, pitch_m=0.05))
     assert len(boards.views) == 26

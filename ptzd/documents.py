@@ -1,0 +1,123 @@
+"""The one loader of YAML that people write: settings, calibrations, scenes, scripts.
+
+Stricter than YAML: no key twice in a mapping (the last would win), no anchors and aliases (nine of them nested make a
+file of megabytes, a cycle has no end), no nesting beyond `DEEPEST`, no dates (a text stays a text), no number that
+Python cannot hold. What is wrong is told with its line.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Hashable
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+DEEPEST = 32
+"""Mappings and lists inside each other; settings need four, calibrations five."""
+LARGEST_BYTES = 1_000_000
+"""Of a file; the largest calibration with its covariances has some 20 kB."""
+
+
+class DocumentError(Exception):
+    """A text that is no document; one line with the place, without the file's name."""
+
+
+class _Loader(yaml.SafeLoader):
+    """SafeLoader without what people do not mean."""
+
+    def __init__(self, stream: str) -> None:
+        super().__init__(stream)
+        self._depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        event = self.peek_event()  # type: ignore[no-untyped-call]
+        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
+            raise DocumentError(f"{_place(event.start_mark)}: anchors and aliases are not taken; write the value out")
+        self._depth += 1
+        if self._depth > DEEPEST:
+            raise DocumentError(f"{_place(event.start_mark)}: nested deeper than {DEEPEST} levels")
+        try:
+            return super().compose_node(parent, index)
+        finally:
+            self._depth -= 1
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        seen: set[Hashable] = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)
+            if not isinstance(key, Hashable):
+                raise DocumentError(f"{_place(key_node.start_mark)}: a key must be a plain word")
+            if key in seen:
+                raise DocumentError(f"{_place(key_node.start_mark)}: key {key!r} is given twice")
+            seen.add(key)
+        return super().construct_mapping(node, deep=deep)
+
+
+def _int(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> int:
+    try:
+        return loader.construct_yaml_int(node)
+    except ValueError:
+        raise DocumentError(f"{_place(node.start_mark)}: not a whole number that can be read") from None
+
+
+_Loader.yaml_implicit_resolvers = {
+    first: [(tag, pattern) for tag, pattern in resolvers if tag not in {"tag:yaml.org,2002:timestamp"}]
+    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"^[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)[eE][-+]?[0-9]+$"),  # 1e-3 is a number, as in YAML 1.2
+    list("-+.0123456789"),
+)
+_Loader.add_constructor("tag:yaml.org,2002:int", _int)
+
+
+def _place(mark: yaml.Mark) -> str:
+    return f"line {mark.line + 1}, column {mark.column + 1}"
+
+
+def parse_yaml(text: str) -> object:
+    """Return the plain values of a text: mappings, lists, texts, numbers, booleans, None.
+
+    Raises
+    ------
+    DocumentError
+        As in the module's docstring, or no YAML.
+    """
+    try:
+        return yaml.load(text, _Loader)  # noqa: S506  # a subclass of SafeLoader
+    except yaml.MarkedYAMLError as error:
+        place = "" if error.problem_mark is None else f"{_place(error.problem_mark)}: "
+        raise DocumentError(f"{place}not YAML: {' '.join(str(error.problem or error).split())}") from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise DocumentError(f"not YAML: {' '.join(str(error).split())}") from None
+
+
+def parse_mapping(text: str) -> dict[str, Any]:
+    """Parse a text that must be a mapping at the top; DocumentError when it is something else."""
+    document = parse_yaml(text)
+    if not isinstance(document, dict):
+        raise DocumentError(f"holds {type(document).__name__}, no mapping")
+    return document
+
+
+def read_text(path: Path) -> str:
+    """Read a file of at most `LARGEST_BYTES`.
+
+    Raises
+    ------
+    OSError
+        It cannot be read.
+    DocumentError
+        It is too large or no UTF-8.
+    """
+    with path.open("rb") as file:
+        data = file.read(LARGEST_BYTES + 1)
+    if len(data) > LARGEST_BYTES:
+        raise DocumentError(f"larger than {LARGEST_BYTES:,} bytes; is it the right file?")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise DocumentError(f"no UTF-8 text, at byte {error.start}") from None

@@ -1,0 +1,132 @@
+"""Files that people write: what YAML would take in silence or choke on is refused with its line."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ptzd.app.loading import load
+from ptzd.config import Config, parse_config
+from ptzd.documents import DEEPEST, LARGEST_BYTES, DocumentError, parse_mapping, parse_yaml, read_text
+from ptzd.errors import ConfigError
+
+plain = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers(-(1 << 60), 1 << 60)
+    | st.floats(allow_nan=False)
+    | st.text("abc: #'\n-", max_size=9),
+    lambda part: st.lists(part, max_size=4) | st.dictionaries(st.text("abc", min_size=1, max_size=5), part, max_size=4),
+    max_leaves=12,
+)
+
+
+@given(plain)
+def test_what_is_written_plainly_reads_back_the_same(value):
+    assert parse_yaml(yaml.safe_dump(value)) == value
+
+
+@given(st.text(max_size=200))
+def test_any_text_is_a_document_or_a_named_refusal(text):
+    said = ""
+    try:
+        parse_yaml(text)
+    except DocumentError as error:
+        said = str(error)
+    assert "\n" not in said
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("a: 1\nb: 2\na: 3", "line 3, column 1: key 'a' is given twice"),
+        ("x:\n  b: {c: 1, d: 2, c: 1}", "line 2, column 19: key 'c'"),
+        ("a: &one [1]\nb: *one", "line 1, column 4: anchors and aliases"),
+        ("a: &a [*a]", "anchors"),
+        ("[" * (DEEPEST + 5) + "]" * (DEEPEST + 5), f"nested deeper than {DEEPEST}"),
+        ("[" * 100_000, "nested deeper"),
+        ("a: " + "9" * 5000, "line 1, column 4: not a whole number"),
+        ("{[1]: 2}", "plain word"),
+        ("? {a: 1}\n: 2", "plain word"),
+        ("a: !!python/object:os.system x", "line 1"),
+        ("a: [1, 2", "line"),
+        ("\tb: 1", "line 1"),
+    ],
+)
+def test_what_nobody_means_is_refused_with_its_line(text, says):
+    with pytest.raises(DocumentError, match=says.replace("[", r"\[")):
+        parse_yaml(text)
+
+
+@pytest.mark.parametrize("text", ["a: 2024-13-45", "a: 2024-01-01", "a: 2001-12-14t21:59:43.10-05:00"])
+def test_a_date_is_a_text(text):
+    assert parse_mapping(text)["a"] == text[3:]
+
+
+def test_a_number_may_be_written_as_in_yaml_1_2():
+    assert parse_mapping("a: 1e-3\nb: .inf\nc: 0x1F") == {"a": 0.001, "b": float("inf"), "c": 31}
+
+
+def test_a_document_that_is_no_mapping_says_what_it_is():
+    with pytest.raises(DocumentError, match="holds list, no mapping"):
+        parse_mapping("[1]")
+
+
+def test_a_file_beyond_all_measure_is_not_read(tmp_path):
+    path = tmp_path / "x.yaml"
+    path.write_bytes(b"a" * (LARGEST_BYTES + 1))
+    with pytest.raises(DocumentError, match="right file"):
+        read_text(path)
+    path.write_bytes(b"a: \xff")
+    with pytest.raises(DocumentError, match="no UTF-8 text, at byte 3"):
+        read_text(path)
+
+
+def numbers(kind: type[msgspec.Struct], head: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
+    """Where a settings file may hold one number."""
+    found = []
+    for field in msgspec.structs.fields(kind):
+        inner = field.type
+        if isinstance(inner, type) and issubclass(inner, msgspec.Struct):
+            found += numbers(inner, (*head, field.name))
+        elif isinstance(field.default, int | float) and not isinstance(field.default, bool):
+            found.append((*head, field.name))
+    return found
+
+
+BASE = {
+    "rig": "hall",
+    "calibration": "rig.yaml",
+    "fisheye": {"source": "http", "url": "http://192.0.2.1/"},
+    "ptz": {"url": "http://192.0.2.2", "user": "u"},
+}
+
+
+@pytest.mark.parametrize("path", numbers(Config), ids=".".join)
+@pytest.mark.parametrize("value", [float("inf"), float("-inf"), float("nan"), 1e300, -1e300, 10**40])
+def test_no_number_of_the_settings_is_without_a_bound(path, value):
+    document = msgspec.to_builtins(BASE)
+    part = document
+    for name in path[:-1]:
+        part = part.setdefault(name, {})
+    part[path[-1]] = value
+    with pytest.raises(ConfigError, match=path[-1]):
+        parse_config(document, "ptzd.yaml")
+
+
+def test_only_the_far_end_of_the_search_may_be_infinite():
+    assert parse_config(BASE | {"search": {"range_m": [1.0, float("inf")]}}, "x").search.range_m[1] == float("inf")
+    for range_m in ([float("inf"), 2.0], [1.0, float("-inf")]):
+        with pytest.raises(ConfigError, match="range_m"):
+            parse_config(BASE | {"search": {"range_m": range_m}}, "x")
+
+
+@pytest.mark.parametrize("text", ["rig: a\nrig: b", "rig: &a x", "rig: " + "[" * 99, "rig: " + "9" * 5000])
+def test_settings_and_calibration_go_through_the_same_loader(tmp_path, text):
+    path = tmp_path / "ptzd.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=r"ptzd\.yaml: line 1|ptzd\.yaml: line 2"):
+        load(path)
