@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import os
 import signal
 from collections.abc import AsyncIterator, Callable, Mapping
@@ -28,6 +29,7 @@ from ptzd.devices.http_fisheye import HttpFisheye
 from ptzd.devices.v4l2 import V4l2Fisheye
 from ptzd.devices.vapix.head import VapixHead
 from ptzd.documents import parse_mapping
+from ptzd.errors import LogError
 from ptzd.log.illustrate import Illustrator
 from ptzd.log.run import RunInfo
 from ptzd.log.writer import McapLog
@@ -42,6 +44,8 @@ OPENCV_THREADS = 1
 """Matching runs in one thread beside the loop; results do not depend on the number, latency of the loop does."""
 
 
+CUT_EVERY_S = 2.0
+"""Between two cuts of the log that are asked for: a client that asks in a loop would make files without end."""
 VITAL_S = 10.0
 """Cameras deliver and are polled many times a second, and each poll is logged; reported losses are excused."""
 
@@ -217,8 +221,16 @@ def _status_extra(log: McapLog, daemon: Daemon | None) -> Mapping[str, object]:
 
 
 def _log_handler(log: McapLog, daemon: Daemon) -> LogHandler:
+    cut_s = -math.inf
+
     async def handle(action: Literal["list", "rotate"]) -> list[str]:
+        nonlocal cut_s
         if action == "rotate":
+            now_s = asyncio.get_running_loop().time()
+            if now_s < cut_s + CUT_EVERY_S:
+                wait_s = cut_s + CUT_EVERY_S - now_s
+                raise LogError(f"the file was cut a moment ago; one in {CUT_EVERY_S:g} s, again in {wait_s:.1f} s")
+            cut_s = now_s
             daemon.pump.cut_log()
             await log.settled()
         return [str(path) for path in log.closed_files()]

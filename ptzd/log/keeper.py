@@ -7,6 +7,7 @@ disk, and a slow one takes a second and more for that.
 from __future__ import annotations
 
 import contextlib
+import logging
 import threading
 import time
 from collections import deque
@@ -21,6 +22,8 @@ from ptzd.log.file import McapFile
 from ptzd.log.foxglove import Level
 from ptzd.log.recover import recover
 from ptzd.ports import Clock
+
+LOGGER = logging.getLogger(__name__)
 
 Errand = Callable[[], None]
 PATIENCE_S = 0.5
@@ -54,6 +57,7 @@ class Keeper:
         self.notes: deque[tuple[Level, str]] = deque()
         """What the log is to say about this; for the thread that writes."""
         self.ended = False
+        self._doubted = False
 
     def start(self) -> None:
         """Begin to run errands."""
@@ -146,7 +150,14 @@ class Keeper:
             free = retention.free_bytes(self._directory)
             now_s = self._clock.now_ns() / retention.NS
             doomed = retention.surplus(files, settings, free=free, open_bytes=open_bytes, now_s=now_s)
-            for stored in doomed:
-                stored.path.unlink(missing_ok=True)
+            for gone in doomed:
+                gone.stored.path.unlink(missing_ok=True)
+                self.notes.append((Level.INFO, str(gone)))
+                LOGGER.info("%s", gone)
+            doubt = retention.doubt(files, settings, now_s)
+            if doubt and not self._doubted:
+                self.notes.append((Level.WARNING, doubt))
+                LOGGER.warning("%s", doubt)
+            self._doubted = bool(doubt)
         except OSError as error:
             self.notes.append((Level.WARNING, f"{self._directory}: old files stay: {error.strerror or error}"))

@@ -6,8 +6,10 @@ chunk whose checksum does not agree is turned into a private record (opcode 0x80
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
+import stat
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -46,8 +48,10 @@ def recover(path: Path) -> Recovery:
         No MCAP file, being written by a running daemon, or the disk refuses.
     """
     try:
-        descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+        descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
     except OSError as error:
+        if error.errno == errno.ELOOP:
+            raise LogError(f"{path}: is a link; a recovery mends files where they are, name the file itself") from None
         raise LogError(f"{path}: cannot be opened for recovery: {error.strerror}") from None
     try:
         try:
@@ -107,7 +111,10 @@ def recover_directory(directory: Path) -> list[str]:
     lines = []
     for path in sorted(directory.glob(f"*.mcap{ACTIVE}")):
         try:
-            if path.stat().st_size < _SMALLEST:
+            if not stat.S_ISREG(path.lstat().st_mode):
+                lines.append(f"{path.name}: no file of its own; left alone")
+                continue
+            if path.lstat().st_size < _SMALLEST:
                 path.unlink()
                 lines.append(f"{path.name}: empty after a crash; removed")
                 continue

@@ -137,16 +137,35 @@ async def test_a_file_that_cannot_be_closed_is_mended_and_told(settings, run, cl
 
 async def test_old_files_go_when_they_are_old(settings, run, clock, snapshot):
     made = settings(keep_days=1.0)
-    for _ in range(2):
+    for _ in range(4):
         async with McapLog(made, run, clock) as log:
             log.rotate(0, snapshot)
-    old, young = log.closed_files()
-    long_ago_s = clock.now_ns() / 1e9 - 2 * 86_400
-    os.utime(old, (long_ago_s, long_ago_s))
-    os.utime(young, (clock.now_ns() / 1e9,) * 2)
+    for path, hours in zip(log.closed_files(), (48, 25, 13, 1), strict=True):
+        then_s = clock.now_ns() / 1e9 - hours * 3600
+        os.utime(path, (then_s, then_s))
+    oldest, old, *young = log.closed_files()
     async with McapLog(made, run, clock) as log:
+        log.rotate(0, snapshot)
+        assert not oldest.exists()
         assert not old.exists()
-        assert young.exists()
+        assert all(path.exists() for path in young)
+    told = said(log.closed_files())
+    assert f"{oldest.name} (0 MB) deleted: older than log.keep_days, 1" in told
+
+
+async def test_a_clock_far_ahead_deletes_nothing_by_age_and_says_so(settings, run, clock, snapshot):
+    made = settings(keep_days=30.0)
+    for _ in range(3):
+        async with McapLog(made, run, clock) as log:
+            log.rotate(0, snapshot)
+    before = log.closed_files()
+    for number, path in enumerate(before):
+        then_s = clock.now_ns() / 1e9 - 40 * 86_400 + number
+        os.utime(path, (then_s, then_s))
+    async with McapLog(made, run, clock) as log:
+        log.rotate(0, snapshot)
+    assert all(path.exists() for path in before)
+    assert "the clock is 40.0 days after the newest file of the log" in said(log.closed_files())
 
 
 async def test_the_oldest_make_room_before_pictures_stop(settings, run, clock, snapshot, picture, monkeypatch):

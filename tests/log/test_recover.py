@@ -290,3 +290,16 @@ def test_recovery_reads_fast(tmp_path):
     print(f"recovered {size / 1e6:.0f} MB at {size / 1e6 / seconds:.0f} MB/s")
     assert report.messages == 300
     assert size / seconds_cpu > 50e6, "what it costs the processor, whatever the disk"
+
+
+def test_links_are_not_followed(tmp_path):
+    elsewhere = tmp_path / "elsewhere.bin"
+    elsewhere.write_bytes(b"somebody else's data, longer than a head of a record")
+    folder = tmp_path / "log"
+    folder.mkdir()
+    link = folder / "yard-20261121T231502Z-000.mcap.active"
+    link.symlink_to(elsewhere)
+    with pytest.raises(LogError, match="is a link"):
+        recover(link)
+    assert recover_directory(folder) == [f"{link.name}: no file of its own; left alone"]
+    assert elsewhere.read_bytes().startswith(b"somebody")
