@@ -13,7 +13,8 @@ from ptzd.bus.arrivals import Arrival, Handler
 from ptzd.bus.decode import decode
 from ptzd.bus.keys import Keys, request_id_of
 from ptzd.bus.messages import ErrorReply, LogReply, LogRequest, encoding
-from ptzd.bus.pending import BUSY, PendingQueries, refuse, reply
+from ptzd.bus.pending import BUSY, PendingQueries
+from ptzd.bus.replies import Replies
 from ptzd.bus.results import KeptResults
 from ptzd.control.commands import PublishStatus
 from ptzd.errors import PtzdError, RequestRefused
@@ -23,6 +24,11 @@ LogHandler = Callable[[Literal["list", "rotate"]], Awaitable[Sequence[str]]]
 """Does what a query on ``log`` asks; returns the closed files, oldest first."""
 ImageHandler = Callable[[str], Awaitable[tuple[bytes, Mapping[str, object]] | None]]
 """Newest JPEG of ``image/fisheye``, ``image/ptz`` or ``image/overlay`` with its attachment; None when there is none."""
+
+MOST_RESULTS = 256
+"""Newest results that one question with a wildcard is answered with."""
+LOOKERS = 4
+"""Such questions that may wait at once; the next is told ``busy``."""
 
 
 class Answers:
@@ -40,6 +46,8 @@ class Answers:
         Of requests that have ended.
     status_extra : Callable[[], Mapping[str, object]]
         What the core does not know of the status: devices, pose, log, versions.
+    replies : Replies
+        Sends the answers.
     """
 
     def __init__(
@@ -49,7 +57,10 @@ class Answers:
         pending: PendingQueries,
         results: KeptResults,
         status_extra: Callable[[], Mapping[str, object]],
+        replies: Replies,
     ) -> None:
+        self._replies = replies
+        self._looking = 0
         self._keys = keys
         self._clock = clock
         self._pending = pending
@@ -74,16 +85,20 @@ class Answers:
     def on_status(self, arrival: Arrival) -> None:
         """``status``: the newest."""
         if arrival.query is not None:
-            reply(arrival.query, self._keys.full("status"), msgspec.json.encode(self.status_document()), "Status")
+            self._replies.reply(
+                arrival.query, self._keys.full("status"), msgspec.json.encode(self.status_document()), "Status"
+            )
 
     def on_pose(self, arrival: Arrival) -> None:
         """``pose``: the newest."""
         if arrival.query is None:
             return
         if self.pose is None:
-            refuse(arrival.query, ErrorReply(code="unavailable", message="the head has not said yet where it looks"))
+            self._replies.refuse(
+                arrival.query, ErrorReply(code="unavailable", message="the head has not said yet where it looks")
+            )
             return
-        reply(arrival.query, self._keys.full("pose"), msgspec.json.encode(self.pose), "Pose")
+        self._replies.reply(arrival.query, self._keys.full("pose"), msgspec.json.encode(self.pose), "Pose")
 
     def on_image(self, key: str) -> Handler:
         """Handler of ``image/…``: the newest picture, for those who ask instead of listening."""
@@ -93,11 +108,11 @@ class Answers:
             if query is None:
                 return
             if not arrival.key.endswith(f"/{key}"):
-                query.drop()  # type: ignore[no-untyped-call]  # untyped in the stub
+                self._replies.drop(query)
                 return
             token = self._pending.add(query, self._keys.full(key))
             if token is None:
-                refuse(query, BUSY)
+                self._replies.refuse(query, BUSY)
             else:
                 self._start(self._show(token, key))
 
@@ -114,19 +129,21 @@ class Answers:
             return
         kept = self._results.get(request_id, now_ns)
         if kept is not None:
-            reply(arrival.query, self._keys.of_request(request_id, "result"), kept, "RoiResult")
+            self._replies.reply(arrival.query, self._keys.of_request(request_id, "result"), kept, "RoiResult")
             return
         message = f"no result of {request_id} is kept: it has not ended, ended long ago, or was never asked for"
-        refuse(arrival.query, ErrorReply(code="unknown_id", message=message))
+        self._replies.refuse(arrival.query, ErrorReply(code="unknown_id", message=message))
 
     def on_calibration(self, arrival: Arrival) -> None:
         """``calibration``: the loaded one."""
         if arrival.query is None:
             return
         if self.calibration is None:
-            refuse(arrival.query, ErrorReply(code="unavailable", message="no calibration is loaded"))
+            self._replies.refuse(arrival.query, ErrorReply(code="unavailable", message="no calibration is loaded"))
             return
-        reply(arrival.query, self._keys.full("calibration"), msgspec.json.encode(self.calibration), "Calibration")
+        self._replies.reply(
+            arrival.query, self._keys.full("calibration"), msgspec.json.encode(self.calibration), "Calibration"
+        )
 
     def on_log(self, arrival: Arrival) -> None:
         """``log``: list the closed files, or cut the current one."""
@@ -136,11 +153,11 @@ class Answers:
         try:
             action = self._log_action(arrival)
         except RequestRefused as error:
-            refuse(query, ErrorReply(code=error.code, message=error.message, field=error.field))
+            self._replies.refuse(query, ErrorReply(code=error.code, message=error.message, field=error.field))
             return
         token = self._pending.add(query, self._keys.full("log"))
         if token is None:
-            refuse(query, BUSY)
+            self._replies.refuse(query, BUSY)
             return
         self._start(self._ask_log(token, action))
 
@@ -181,11 +198,28 @@ class Answers:
         self._pending.reply(token, LogReply(files=tuple(files)))
 
     def _reply_fitting(self, query: zenoh.Query, now_ns: int) -> None:
-        with query:
-            for request_id, payload in self._results.all(now_ns):
-                key = self._keys.of_request(request_id, "result")
-                if query.key_expr.intersects(zenoh.KeyExpr(key)):
-                    query.reply(key, payload, encoding=encoding("RoiResult"))
+        """The newest results that a wildcard names; somebody who asks for all of them waits for his turn."""
+        if self._looking >= LOOKERS:
+            self._replies.refuse(query, BUSY)
+            return
+        self._looking += 1
+        kept = tuple(self._results.all(now_ns))
+        self._replies.send(query, lambda query: self._send_fitting(query, kept))
+
+    def _send_fitting(self, query: zenoh.Query, kept: Sequence[tuple[str, bytes]]) -> None:
+        """In the thread of the replies."""
+        try:
+            with query:
+                wanted, sent = query.key_expr, 0
+                for request_id, payload in reversed(kept):
+                    key = self._keys.of_request(request_id, "result")
+                    if wanted.intersects(zenoh.KeyExpr(key)):
+                        query.reply(key, payload, encoding=encoding("RoiResult"))
+                        sent += 1
+                    if sent == MOST_RESULTS:
+                        break
+        finally:
+            self._looking -= 1
 
 
 def _fields(status: PublishStatus) -> dict[str, object]:

@@ -16,7 +16,9 @@ from zenoh.handlers import Callback
 from ptzd.bus.decode import MAX_PAYLOAD_BYTES, too_large
 from ptzd.bus.inbox import Inbox
 from ptzd.bus.messages import ErrorReply
-from ptzd.bus.pending import BUSY, refuse
+from ptzd.bus.pending import BUSY
+from ptzd.bus.replies import send_refusal
+from ptzd.ports import Clock
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,6 +31,8 @@ class Arrival:
     size: int
     """Bytes sent; of a message that is too large the payload is left behind."""
     query: zenoh.Query | None = None
+    t_ns: int = 0
+    """When it came in, on the daemon's clock."""
 
 
 Handler = Callable[[Arrival], None]
@@ -43,12 +47,26 @@ class Arrivals:
         Open session.
     capacity : int
         Most arrivals waiting.
+    clock : Clock
+        Stamps what comes in.
     evict : bool
         Whether a full box drops its oldest arrival; only for boxes without queries.
+    crowded : callable
+        Asked for every query; when true, it is turned away.
     """
 
-    def __init__(self, session: zenoh.Session, capacity: int, *, evict: bool = False) -> None:
+    def __init__(
+        self,
+        session: zenoh.Session,
+        capacity: int,
+        clock: Clock,
+        *,
+        evict: bool = False,
+        crowded: Callable[[], bool] = lambda: False,
+    ) -> None:
         self._session = session
+        self._clock = clock
+        self._crowded = crowded
         self._inbox: Inbox[tuple[Handler, Arrival]] = Inbox(asyncio.get_running_loop(), capacity, evict=evict)
         self._declared: list[zenoh.Queryable[None] | zenoh.Subscriber[None]] = []
 
@@ -65,13 +83,13 @@ class Arrivals:
             size = len(query.payload) if query.payload is not None else 0
             if size > MAX_PAYLOAD_BYTES:
                 error = too_large(size)
-                refuse(query, ErrorReply(code=error.code, message=error.message))
-                self._inbox.push((handler, Arrival(key=key, payload=b"", size=size)))
+                send_refusal(query, ErrorReply(code=error.code, message=error.message))
+                self._inbox.push((handler, Arrival(key=key, payload=b"", size=size, t_ns=self._clock.now_ns())))
                 return
             payload = query.payload.to_bytes() if query.payload is not None else b""
-            arrival = Arrival(key=key, payload=payload, size=size, query=query)
-            if not self._inbox.push((handler, arrival)):
-                refuse(query, BUSY)
+            arrival = Arrival(key=key, payload=payload, size=size, query=query, t_ns=self._clock.now_ns())
+            if self._crowded() or not self._inbox.push((handler, arrival)):
+                send_refusal(query, BUSY)
 
         self._declared.append(self._session.declare_queryable(key, Callback(receive, indirect=False), complete=True))
 
@@ -83,7 +101,8 @@ class Arrivals:
                 return
             size = len(sample.payload)
             payload = sample.payload.to_bytes() if size <= MAX_PAYLOAD_BYTES else b""
-            self._inbox.push((handler, Arrival(key=str(sample.key_expr), payload=payload, size=size)))
+            arrival = Arrival(key=str(sample.key_expr), payload=payload, size=size, t_ns=self._clock.now_ns())
+            self._inbox.push((handler, arrival))
 
         self._declared.append(self._session.declare_subscriber(key, Callback(receive, indirect=False)))
 

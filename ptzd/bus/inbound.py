@@ -11,10 +11,13 @@ from ptzd.bus.decode import decode, refused, request_event, too_large, update_ev
 from ptzd.bus.intake import EventQueue
 from ptzd.bus.keys import Keys, request_id_of
 from ptzd.bus.messages import Empty
-from ptzd.bus.pending import BUSY, PendingQueries, refuse
-from ptzd.control.events import CancelReceived, ControlReceived, Event, PayloadRefused, Verb
+from ptzd.bus.pending import BUSY, PendingQueries
+from ptzd.bus.replies import Replies
+from ptzd.control.events import CancelReceived, ControlReceived, Event, PayloadRefused, RequestReceived, Verb
 from ptzd.errors import RequestRefused
 from ptzd.ports import Clock
+
+OVERTAKEN = RequestRefused("stopped", "an operator's stop or home came before this request was taken up; ask again")
 
 
 class Inbound:
@@ -30,25 +33,33 @@ class Inbound:
         Keeps the queries until the core answers.
     events : EventQueue
         Where the events go.
+    replies : Replies
+        Sends the answers.
     """
 
-    def __init__(self, keys: Keys, clock: Clock, pending: PendingQueries, events: EventQueue) -> None:
+    def __init__(self, keys: Keys, clock: Clock, pending: PendingQueries, events: EventQueue, replies: Replies) -> None:
         self._keys = keys
         self._clock = clock
         self._pending = pending
         self._events = events
+        self._replies = replies
+        self._halted_ns = 0
         self.dropped = 0
         """Puts for which the core had no room."""
 
     def on_request(self, arrival: Arrival) -> None:
         """``roi``: a query or a put."""
         if not arrival.key.endswith("/roi"):
-            _ignore(arrival)
+            self._ignore(arrival)
             return
         token = self._token(arrival, self._keys.full("roi"))
         if arrival.query is None or token is not None:
             t_ns = self._clock.now_ns()
-            self._offer(_too_large(arrival, t_ns) or request_event(arrival.payload, t_ns, token), token)
+            event = _too_large(arrival, t_ns) or request_event(arrival.payload, t_ns, token)
+            if isinstance(event, RequestReceived) and arrival.t_ns <= self._halted_ns:
+                # the operator's word overtakes what waits: a request from before it must not move the head after it
+                event = refused(OVERTAKEN, t_ns, token, event.id)
+            self._offer(event, token)
 
     def on_update(self, arrival: Arrival) -> None:
         """``roi/<id>/update``: a put or a query."""
@@ -77,21 +88,28 @@ class Inbound:
 
         def handle(arrival: Arrival) -> None:
             if not arrival.key.endswith(f"/control/{verb}"):
-                _ignore(arrival)
+                self._ignore(arrival)
                 return
             token = self._token(arrival, self._keys.full(f"control/{verb}"))
             if arrival.query is None or token is not None:
                 t_ns = self._clock.now_ns()
                 control = ControlReceived(t_ns=t_ns, token=token, verb=verb)
+                if verb in {Verb.STOP, Verb.HOME}:
+                    self._halted_ns = max(self._halted_ns, arrival.t_ns)
+                    self._overtake(t_ns)
                 self._offer(_refused_unless_empty(arrival, t_ns, token) or control, token)
 
         return handle
+
+    def _overtake(self, t_ns: int) -> None:
+        for waiting in self._events.withdraw_requests():
+            self._offer(refused(OVERTAKEN, t_ns, waiting.token, waiting.id), waiting.token)
 
     def _named(self, arrival: Arrival, leaf: str) -> str | None:
         """The request that a key names; a put on a key that names none is told, a query that looks around let go."""
         request_id = request_id_of(arrival.key, leaf)
         if request_id is None:
-            _ignore(arrival)
+            self._ignore(arrival)
             if arrival.query is None:
                 message = f"{arrival.key} names no request; ids are 1 to 64 of A-Za-z0-9._-"
                 error = RequestRefused("invalid", message, "$")
@@ -103,8 +121,13 @@ class Inbound:
             return None
         token = self._pending.add(arrival.query, key)
         if token is None:
-            refuse(arrival.query, BUSY)
+            self._replies.refuse(arrival.query, BUSY, key)
         return token
+
+    def _ignore(self, arrival: Arrival) -> None:
+        """Let somebody who looks around go without an answer."""
+        if arrival.query is not None:
+            self._replies.drop(arrival.query)
 
     def _offer(self, event: Event, token: int | None) -> None:
         if self._events.offer(event):
@@ -113,12 +136,6 @@ class Inbound:
             self.dropped += 1
         else:
             self._pending.refuse(token, BUSY)
-
-
-def _ignore(arrival: Arrival) -> None:
-    """Let somebody who looks around go without an answer."""
-    if arrival.query is not None:
-        arrival.query.drop()  # type: ignore[no-untyped-call]  # untyped in the stub
 
 
 def _too_large(arrival: Arrival, t_ns: int, about: str | None = None) -> PayloadRefused | None:

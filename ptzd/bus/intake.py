@@ -1,4 +1,4 @@
-"""Events on their way from the bus to the core: first come, first served, bounded, with room kept for the operator."""
+"""Events on their way from the bus to the core: bounded, in order, the operator's in a queue of their own and first."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import asyncio
 from collections import deque
 from collections.abc import AsyncIterator, Callable
 
-from ptzd.control.events import CancelReceived, ControlReceived, Event, UpdateReceived
+from ptzd.control.events import CancelReceived, ControlReceived, Event, RequestReceived, UpdateReceived
 
 REQUESTS = 64
 """Most requests and refusals waiting for the core."""
 URGENT = 64
-"""Room beyond that for cancels and operator verbs, so that a flood of requests cannot keep a stop out."""
+"""Most operator's verbs waiting, and room for cancels beyond the requests: a flood of these keeps neither out."""
 
 
 class EventQueue:
@@ -26,6 +26,7 @@ class EventQueue:
     def __init__(self, still_wanted: Callable[[Event], bool]) -> None:
         self._still_wanted = still_wanted
         self._events: deque[Event] = deque()
+        self._urgent: deque[Event] = deque()
         self._changed = asyncio.Event()
         self._closed = False
         self._error: BaseException | None = None
@@ -34,10 +35,15 @@ class EventQueue:
         """Append an event; False without room for its kind. Of one request only the newest update by put waits."""
         if isinstance(event, UpdateReceived):
             self._withdraw_update(event.id)
-        urgent = isinstance(event, CancelReceived | ControlReceived)
-        if self._closed or len(self._events) >= REQUESTS + (URGENT if urgent else 0):
+        lane, room = self._events, REQUESTS
+        if isinstance(event, ControlReceived):
+            lane, room = self._urgent, URGENT
+        elif isinstance(event, CancelReceived):
+            # in order, for it must not overtake the request that it takes back
+            room += URGENT
+        if self._closed or len(lane) >= room:
             return False
-        self._events.append(event)
+        lane.append(event)
         self._changed.set()
         return True
 
@@ -50,8 +56,8 @@ class EventQueue:
     async def __aiter__(self) -> AsyncIterator[Event]:
         while True:
             await self._changed.wait()
-            while self._events:
-                event = self._events.popleft()
+            while self._urgent or self._events:
+                event = (self._urgent or self._events).popleft()
                 if self._still_wanted(event):
                     yield event
             if self._error is not None:
@@ -59,6 +65,12 @@ class EventQueue:
             if self._closed:
                 return
             self._changed.clear()
+
+    def withdraw_requests(self) -> list[RequestReceived]:
+        """Take out the requests that wait, e.g. because an operator's stop overtakes them."""
+        taken = [event for event in self._events if isinstance(event, RequestReceived)]
+        self._events = deque(event for event in self._events if not isinstance(event, RequestReceived))
+        return taken
 
     def _withdraw_update(self, request_id: str) -> None:
         for index, waiting in enumerate(self._events):

@@ -13,21 +13,10 @@ import msgspec
 import zenoh
 from msgspec import Struct
 
-from ptzd.bus.messages import IMAGE_ENCODING, ErrorReply, encoding
+from ptzd.bus.messages import ErrorReply
+from ptzd.bus.replies import Replies
 
 BUSY = ErrorReply(code="busy", message="too many messages are waiting; ask again later")
-
-
-def reply(query: zenoh.Query, key: str, payload: bytes, message: str) -> None:
-    """Answer a query on a key with an encoded message and end it."""
-    with query:
-        query.reply(key, payload, encoding=encoding(message))
-
-
-def refuse(query: zenoh.Query, error: ErrorReply) -> None:
-    """Answer a query with an error and end it."""
-    with query:
-        query.reply_err(msgspec.json.encode(error), encoding=encoding("ErrorReply"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,11 +36,14 @@ class PendingQueries:
     limit : int
         Most queries waiting at once.
     answer_within_s : float
-        A query without an answer for this long gets the error ``internal``.
+        A query without an answer for this long gets the error ``internal``; an operator's verb ``unconfirmed``.
+    replies : Replies
+        Sends the answers.
     """
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, limit: int, answer_within_s: float) -> None:
+    def __init__(self, loop: asyncio.AbstractEventLoop, limit: int, answer_within_s: float, replies: Replies) -> None:
         self._loop = loop
+        self._replies = replies
         self._limit = limit
         self._answer_within_s = answer_within_s
         self._waiting: dict[int, _Waiting] = {}
@@ -82,23 +74,21 @@ class PendingQueries:
         """Answer; False when the query is no longer waiting."""
         waiting = self._take(token)
         if waiting is not None:
-            reply(waiting.query, waiting.key, msgspec.json.encode(message), type(message).__name__)
+            self._replies.reply(waiting.query, waiting.key, msgspec.json.encode(message), type(message).__name__)
         return waiting is not None
 
     def reply_image(self, token: int, jpeg: bytes, attachment: Mapping[str, object]) -> bool:
         """Answer with a picture, in the form in which it is published; False when the query is no longer waiting."""
         waiting = self._take(token)
         if waiting is not None:
-            with waiting.query as query:
-                encoded = msgspec.json.encode(attachment)
-                query.reply(waiting.key, jpeg, encoding=IMAGE_ENCODING, attachment=encoded)
+            self._replies.reply_image(waiting.query, waiting.key, jpeg, attachment)
         return waiting is not None
 
     def refuse(self, token: int, error: ErrorReply) -> bool:
         """Answer with an error; False when the query is no longer waiting."""
         waiting = self._take(token)
         if waiting is not None:
-            refuse(waiting.query, error)
+            self._replies.refuse(waiting.query, error, waiting.key)
         return waiting is not None
 
     def close(self) -> None:
@@ -114,5 +104,12 @@ class PendingQueries:
 
     def _expire(self, token: int) -> None:
         self.expired += 1
-        message = f"the daemon found no answer within {self._answer_within_s:g} s; see its log"
-        self.refuse(token, ErrorReply(code="internal", message=message))
+        waited = f"within {self._answer_within_s:g} s"
+        error = ErrorReply(code="internal", message=f"the daemon found no answer {waited}; see its log")
+        _, control, verb = (self.key_of(token) or "").rpartition("/control/")
+        if control:
+            message = (
+                f"{verb} sent, not confirmed yet {waited}: the camera is asked on; the status tells when it stands"
+            )
+            error = ErrorReply(code="unconfirmed", message=message)
+        self.refuse(token, error)

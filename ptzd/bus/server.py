@@ -32,6 +32,7 @@ from ptzd.bus.messages import (
     encoding,
 )
 from ptzd.bus.pending import PendingQueries
+from ptzd.bus.replies import Replies
 from ptzd.bus.results import KeptResults
 from ptzd.bus.session import close_session, daemon_config, open_session
 from ptzd.config import BusSettings
@@ -46,7 +47,6 @@ from ptzd.control.commands import (
 )
 from ptzd.control.events import (
     CancelReceived,
-    ControlReceived,
     Event,
     PayloadRefused,
     RequestReceived,
@@ -115,12 +115,16 @@ class ZenohBus:
         """
         config = daemon_config(self._settings)
         self._session = await open_session(config, f"bus: cannot open {', '.join(self._settings.listen)}")
-        self._pending = PendingQueries(asyncio.get_running_loop(), PENDING_LIMIT, ANSWER_WITHIN_S)
+        self._replies = Replies()
+        self._pending = PendingQueries(asyncio.get_running_loop(), PENDING_LIMIT, ANSWER_WITHIN_S, self._replies)
         self._events = EventQueue(self._still_wanted)
-        self._inbound = Inbound(self._keys, self._clock, self._pending, self._events)
-        self._answers = Answers(self._keys, self._clock, self._pending, self._results, self._status_extra)
+        self._inbound = Inbound(self._keys, self._clock, self._pending, self._events, self._replies)
+        self._answers = Answers(
+            self._keys, self._clock, self._pending, self._results, self._status_extra, self._replies
+        )
         async with AsyncExitStack() as opened:
             opened.push_async_callback(close_session, self._session)
+            opened.push_async_callback(asyncio.to_thread, self._replies.close)
             self._images = ImagePublisher(self._session, self._keys)
             self._images.start()
             opened.push_async_callback(asyncio.to_thread, self._images.stop)
@@ -224,8 +228,11 @@ class ZenohBus:
 
     def _declare(self) -> tuple[Arrivals, ...]:
         keys, session = self._keys, self._session
-        urgent, requests, reads = Arrivals(session, 64), Arrivals(session, 64), Arrivals(session, 256)
-        updates = Arrivals(session, 64, evict=True)
+        clock, replies = self._clock, self._replies
+        urgent = Arrivals(session, 64, clock)
+        requests = Arrivals(session, 64, clock, crowded=lambda: replies.crowded)
+        reads = Arrivals(session, 256, clock, crowded=lambda: replies.crowded)
+        updates = Arrivals(session, 64, clock, evict=True)
         for declare in (urgent.answer, urgent.listen):
             declare(keys.of_all_requests("cancel"), self._inbound.on_cancel)
             for verb in Verb:
@@ -244,8 +251,8 @@ class ZenohBus:
         return urgent, requests, updates, reads
 
     def _still_wanted(self, event: Event) -> bool:
-        """An event whose query has been told ``internal`` must not take effect any more."""
-        if isinstance(event, RequestReceived | PayloadRefused | UpdateReceived | CancelReceived | ControlReceived):
+        """An event whose query was told ``internal`` must not take effect any more; an operator's verb always does."""
+        if isinstance(event, RequestReceived | PayloadRefused | UpdateReceived | CancelReceived):
             return event.token is None or self._pending.waits(event.token)
         return True
 

@@ -27,8 +27,17 @@ async def test_a_flood_leaves_room_for_the_operator():
     assert [queue.offer(stop) for _ in range(URGENT + 1)] == [True] * URGENT + [False]
     assert not queue.offer(refusal(0))
     events = await drained(queue)
-    assert events[:REQUESTS] == [refusal(n) for n in range(REQUESTS)]
-    assert events[REQUESTS:] == [stop] * URGENT
+    assert events[:URGENT] == [stop] * URGENT
+    assert events[URGENT:] == [refusal(n) for n in range(REQUESTS)]
+
+
+async def test_a_cancel_finds_room_and_stays_behind_the_request_that_it_takes_back():
+    queue = EventQueue(lambda _: True)
+    for n in range(REQUESTS):
+        queue.offer(refusal(n))
+    cancel = CancelReceived(t_ns=1, token=1, id="a")
+    assert queue.offer(cancel)
+    assert (await drained(queue))[-1] == cancel
 
 
 async def test_only_the_newest_update_of_a_request_waits():
