@@ -8,7 +8,8 @@ import numpy as np
 
 from ptzd.config import Config
 from ptzd.control.events import RequestReceived, ZoomWish
-from ptzd.control.memory import Memory, Request
+from ptzd.control.memory import Memory
+from ptzd.control.requests import Request
 from ptzd.control.work import seconds
 from ptzd.errors import RequestRefused
 from ptzd.geometry.rig import Rig

@@ -5,10 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ptzd.control import admission, lock
+from ptzd.control import admission
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
-from ptzd.control.memory import Active, Ended, Memory, Request
+from ptzd.control.activities.activity import Over
+from ptzd.control.activities.lock import Lock, range_of
+from ptzd.control.activities.scan import Scan
+from ptzd.control.memory import AnyActivity, Claim, Ended, Memory, Rank
+from ptzd.control.requests import Request, Task
 from ptzd.control.work import Work, seconds
 from ptzd.errors import RequestRefused
 from ptzd.model import FrameRef, Outcome
@@ -21,16 +25,13 @@ ENDED_KEPT = 1024
 class Desk:
     """Requests of one core; all it knows lies in the core's memory."""
 
+    memory: Memory
     work: Work
 
-    @property
-    def _memory(self) -> Memory:
-        return self.work.memory
-
     def requests(self) -> list[Request]:
-        """The active request first, then the waiting ones in the order they will be served."""
-        active = self._memory.active
-        return ([active.request] if active else []) + self._memory.queue
+        """The served request first, then the waiting ones in the order they will be served."""
+        served = self.memory.task
+        return ([served.request] if served else []) + self.memory.waiting
 
     def find(self, request_id: str) -> Request | None:
         """The active or waiting request of this id."""
@@ -38,7 +39,7 @@ class Desk:
 
     def ended(self, request_id: str) -> str | None:
         """How a request of this id ended lately."""
-        return next((ended.outcome for ended in self._memory.ended if ended.id == request_id), None)
+        return next((ended.outcome for ended in self.memory.ended if ended.id == request_id), None)
 
     def take(self, event: ev.RequestReceived) -> Request | None:
         """Admit a request into the queue and pin its frame; None when it was refused or is a repetition.
@@ -48,7 +49,7 @@ class Desk:
         if self._answer_repeated(event):
             return None
         try:
-            request = admission.admit(event, self._memory, self.work.rig, self.work.config)
+            request = admission.admit(event, self.memory, self.work.rig, self.work.config)
             self._place(request)
         except RequestRefused as refused:
             self.refuse(event.token, refused, event.id)
@@ -56,10 +57,10 @@ class Desk:
         self._pin(request, request.frame)
         return request
 
-    def preempts(self, request: Request) -> bool:
-        """Whether this waiting request takes the active one's place."""
-        active = self._memory.active
-        return active is not None and not self._memory.held and request.priority > active.request.priority
+    def outranks_served(self, priority: int) -> bool:
+        """Whether a request of this priority takes the place of the one that is being served."""
+        served = self.memory.task
+        return served is not None and not self.memory.head.held and priority > served.request.priority
 
     def confirm(self, token: int | None, request: Request) -> None:
         """Answer the query of an accepted request with its place: 0 = served next or now."""
@@ -104,14 +105,14 @@ class Desk:
             unknown = RequestRefused("unknown_id", f"no request {event.id} is active or waiting", "$.id")
             self.refuse_update(event, unknown, told=event.told and event.token is None)
             return None
-        frame_ns, memory, work = event.frame_t_capture_ns, self._memory, self.work
+        frame_ns, memory, work = event.frame_t_capture_ns, self.memory, self.work
         try:
             admission.check_box(event.box, work.rig)
             frame = admission.resolve_frame(event.frame_seq, frame_ns, memory, event.t_ns, work.config)
         except RequestRefused as refused:
             self.refuse_update(event, refused, told=True)
             return None
-        if memory.active is not None and memory.active.request is request:
+        if memory.task is not None and memory.task.request is request:
             request.newer_box, request.newer_frame = event.box, frame
         else:
             request.box, request.frame = event.box, frame
@@ -141,20 +142,32 @@ class Desk:
             self.work.out.append(cmd.ReplyOutcome(token=event.token, outcome=outcome))
 
     def end_waiting(self, request: Request, outcome: Outcome, reason: str) -> None:
-        """Take a request out of the queue with a result."""
-        self._memory.queue.remove(request)
+        """Take a waiting request back with a result."""
+        claims = self.memory.claims
+        claims[:] = [claim for claim in claims if claim.task is None or claim.task.request is not request]
         elapsed_ms = (self.work.t_ns - request.accepted_ns) // 1_000_000
         self._publish(_bare_result(request.id, request.label, outcome, reason, elapsed_ms=elapsed_ms))
         self.work.out.append(cmd.ReleaseFrames(request_id=request.id))
 
-    def end_active(self, outcome: Outcome, reason: str, probability: float | None = None) -> None:
-        """Give the active request its result."""
-        active = self._memory.active
-        if active is None:
-            raise AssertionError("no request to end")
-        self._publish(self._result(active, outcome, reason, probability))
-        self.work.out.append(cmd.ReleaseFrames(request_id=active.request.id))
-        self._memory.active = None
+    def end_served(self, claim: Claim, over: Over) -> None:
+        """Give the request that was served its result."""
+        if claim.task is None or over.outcome is None:
+            raise AssertionError(f"the claim of {claim.owner} has no request to end")
+        self._publish(self._result(claim.task, claim.activity, over.outcome, over.reason, over.probability))
+        self.work.out.append(cmd.ReleaseFrames(request_id=claim.task.request.id))
+
+    def reply(self, token: int | None, outcome: str) -> None:
+        """Answer a query that somebody waits for."""
+        if token is not None:
+            self.work.out.append(cmd.ReplyOutcome(token=token, outcome=outcome))
+
+    def answer_stops(self, tokens: list[int], reason: str) -> None:
+        """Tell whoever asked for a stop that the camera stands, or why nobody can say so."""
+        for token in tokens:
+            if reason:
+                self.refuse(token, RequestRefused("device_lost", f"the stop is not confirmed: {reason}"))
+            else:
+                self.reply(token, "stopped")
 
     def _answer_repeated(self, event: ev.RequestReceived) -> bool:
         request, outcome = self.find(event.id), self.ended(event.id)
@@ -166,42 +179,46 @@ class Desk:
         return request is not None or outcome is not None
 
     def _place(self, request: Request) -> None:
-        memory = self._memory
-        waits = memory.active is not None or memory.held or bool(memory.queue)
-        if waits and not self.preempts(request) and len(memory.queue) >= self.work.config.queue.size:
-            message = f"{len(memory.queue)} requests are waiting, no more fit; try later or with a higher priority"
+        memory = self.memory
+        waiting = memory.waiting
+        waits = memory.task is not None or memory.head.held or bool(waiting)
+        if waits and not self.outranks_served(request.priority) and len(waiting) >= self.work.config.queue.size:
+            message = f"{len(waiting)} requests are waiting, no more fit; try later or with a higher priority"
             raise RequestRefused("busy", message, "$.priority")
-        ahead = sum(1 for waiting in memory.queue if waiting.priority >= request.priority)
-        memory.queue.insert(ahead, request)
+        rank = Rank.REQUEST + request.priority
+        claim = Claim(owner=request.id, rank=rank, activity=Scan(task=Task(request=request)))
+        memory.claims.insert(sum(1 for other in memory.claims if other.rank >= rank), claim)
 
     def _publish(self, result: cmd.PublishResult) -> None:
         self.work.out.append(result)
         oldest = self.work.t_ns - seconds(self.work.config.queue.results_kept_s)
-        kept = [ended for ended in self._memory.ended if ended.ended_ns >= oldest]
+        kept = [ended for ended in self.memory.ended if ended.ended_ns >= oldest]
         kept.append(Ended(id=result.id, ended_ns=self.work.t_ns, outcome=result.outcome))
-        self._memory.ended = kept[-ENDED_KEPT:]
+        self.memory.ended = kept[-ENDED_KEPT:]
 
-    def _result(self, active: Active, outcome: Outcome, reason: str, probability: float | None) -> cmd.PublishResult:
-        request, place = active.request, active.lock
+    def _result(
+        self, task: Task, activity: AnyActivity, outcome: Outcome, reason: str, probability: float | None
+    ) -> cmd.PublishResult:
+        request = task.request
         elapsed_ms = (self.work.t_ns - request.accepted_ns) // 1_000_000
-        if place is None or place.view is None:
-            return _bare_result(request.id, request.label, outcome, reason, elapsed_ms, active.views, probability)
-        zoom = place.view.reading.zoom
+        if not isinstance(activity, Lock) or activity.view is None:
+            return _bare_result(request.id, request.label, outcome, reason, elapsed_ms, task.views, probability)
+        lock, zoom = activity, activity.view.reading.zoom
         return cmd.PublishResult(
             id=request.id,
             outcome=outcome,
             reason=reason,
             label=request.label,
             elapsed_ms=elapsed_ms,
-            views=active.views,
-            pan_deg=math.degrees(place.place.pan_rad),
-            tilt_deg=math.degrees(place.place.tilt_rad),
+            views=task.views,
+            pan_deg=math.degrees(lock.place.pan_rad),
+            tilt_deg=math.degrees(lock.place.tilt_rad),
             zoom=zoom,
             hfov_deg=math.degrees(self.work.rig.zoom.camera_at(zoom).hfov_rad),
-            box_ptz=place.box_ptz,
-            range_m=lock.range_of(place.place),
-            probability=place.probability,
-            sigma_deg=place.sigma_deg,
+            box_ptz=lock.box_ptz,
+            range_m=range_of(lock.place),
+            probability=lock.probability,
+            sigma_deg=lock.sigma_deg,
         )
 
 

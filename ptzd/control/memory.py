@@ -3,149 +3,45 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import StrEnum
+from enum import IntEnum
 
+from ptzd.control.activities.home import Home
+from ptzd.control.activities.lock import Lock
+from ptzd.control.activities.scan import Scan
+from ptzd.control.activities.stop import Stop
 from ptzd.control.commands import PublishStatus
-from ptzd.control.events import ZoomWish
+from ptzd.control.requests import Request, Task
 from ptzd.control.states import State
-from ptzd.model import Box, Candidate, FrameRef, HeadLimits, HeadReading, MatchResult, Motion, ViewRef
+from ptzd.control.work import HeadState
+from ptzd.model import FrameRef
+
+AnyActivity = Scan | Lock | Home | Stop
+"""Every kind there is: a snapshot tells them apart by their tag."""
 
 
-class Phase(StrEnum):
-    """Steps inside a request."""
+class Rank(IntEnum):
+    """Whose wish counts more; requests stand at ``REQUEST`` plus their priority, 0 to 9."""
 
-    NONE = ""
-    SCANNING = "scanning"
-    MATCHING = "matching"
-    CENTRING = "centring"
-    ZOOMING = "zooming"
-    HOLDING = "holding"
-    REACQUIRING = "reacquiring"
-
-
-class Awaited(StrEnum):
-    """What the head was asked last."""
-
-    MOVE = "move"
-    GRAB = "grab"
+    HOME = 0
+    REQUEST = 20
+    STOP = 50
 
 
 @dataclass(slots=True, kw_only=True)
-class Request:
-    """An accepted request."""
+class Claim:
+    """Somebody's claim on the head."""
 
-    id: str
-    label: str
-    priority: int
-    box: Box
-    frame: FrameRef
-    inverse_range: tuple[float, float]
-    """1/m or 1/baseline, far end first."""
-    zoom: ZoomWish
-    hfov_deg: float | None
-    fill: float
-    hold_ns: int
-    accepted_ns: int
-    expires_ns: int
-    """To be locked by then."""
-    newer_box: Box | None = None
-    """The newest update; waits for the look under way, or for the lock to begin."""
-    newer_frame: FrameRef | None = None
-    pinned: list[FrameRef] = field(default_factory=list)
-    """Frames whose bytes are kept for the request."""
+    owner: str
+    """The request's id, or which of the daemon's own wishes it is."""
+    rank: int
+    activity: AnyActivity
+    from_ns: int | None = None
+    """Not before then; None: as soon as it may."""
 
-    def adopt_newest(self) -> bool:
-        """Take over the newest update, if one waits."""
-        if self.newer_box is None or self.newer_frame is None:
-            return False
-        self.box, self.frame = self.newer_box, self.newer_frame
-        self.newer_box = self.newer_frame = None
-        return True
-
-
-@dataclass(slots=True, kw_only=True)
-class HeadWork:
-    """The one thing the head is asked to do."""
-
-    kind: Awaited
-    id: int
-    until_ns: int
-
-
-@dataclass(slots=True, kw_only=True)
-class MatchWork:
-    """A match under way."""
-
-    id: int
-    view: int
-    """Index into :attr:`ScanMemory.taken`; 0 in a lock."""
-    until_ns: int
-
-
-@dataclass(slots=True, kw_only=True)
-class ViewMatch:
-    """A match that came in."""
-
-    view: int
-    result: MatchResult
-
-
-@dataclass(slots=True, kw_only=True)
-class ScanMemory:
-    """Where the scan stands."""
-
-    round: int
-    views: list[HeadReading]
-    next_view: int = 0
-    taken: list[ViewRef] = field(default_factory=list)
-    matches: list[ViewMatch] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    """What went wrong with single views."""
-
-
-@dataclass(slots=True, kw_only=True)
-class LockMemory:
-    """Where the lock stands."""
-
-    phase: Phase
-    place: Candidate
-    probability: float
-    sigma_deg: float
-    wide_zoom: float
-    """Zoom at which the region was found; re-acquisition goes back to it."""
-    zoom: float
-    """Zoom of the present step."""
-    corrections: int = 0
-    may_zoom: bool = True
-    """False after a verification at the asked zoom failed, and for a target that cannot be centred."""
-    off_centre: bool = False
-    """The head's limits keep the target off the picture's centre."""
-    confirmed: bool = False
-    confirmed_ns: int = 0
-    """When a picture confirmed the place last; 0 before the first one."""
-    misses: int = 0
-    """Looks without a confirmation since the last one."""
-    moved: bool = False
-    """The box has moved since the place was confirmed."""
-    locked_ns: int | None = None
-    overdue: bool = False
-    """The hold is over, but the last confirmation is too old to say so: the next look decides."""
-    verify_ns: int | None = None
-    view: ViewRef | None = None
-    """The picture matched last."""
-    box_ptz: tuple[tuple[float, float], ...] = ()
-    note: str = ""
-
-
-@dataclass(slots=True, kw_only=True)
-class Active:
-    """The request being served."""
-
-    request: Request
-    rescans: int = 0
-    views: int = 0
-    scan: ScanMemory | None = None
-    lock: LockMemory | None = None
+    @property
+    def task(self) -> Task | None:
+        """The request behind it; None for the daemon's own wishes."""
+        return self.activity.task if isinstance(self.activity, Scan | Lock) else None
 
 
 @dataclass(slots=True, kw_only=True)
@@ -161,27 +57,53 @@ class Ended:
 class Memory:
     """The whole state of the core."""
 
-    state: State = State.STARTING
+    serving: bool = False
+    """Both devices are well."""
+    served: bool = False
+    """They were, at least once: what is lost from then on is a fault."""
+    stopping: bool = False
+    """The daemon is to end."""
+    finished: bool = False
     fisheye: str = "not seen yet"
     """``well``, or why not."""
     ptz: str = "not seen yet"
-    limits: HeadLimits | None = None
-    reading: HeadReading | None = None
-    motion: Motion = Motion.UNKNOWN
+    head: HeadState = field(default_factory=HeadState)
     frames: list[FrameRef] = field(default_factory=list)
-    queue: list[Request] = field(default_factory=list)
-    active: Active | None = None
+    holder: Claim | None = None
+    """Whose the head is; None: nobody wants it."""
+    claims: list[Claim] = field(default_factory=list)
+    """What waits, by rank, and by its coming where ranks are equal."""
     ended: list[Ended] = field(default_factory=list)
-    head: HeadWork | None = None
-    matches: list[MatchWork] = field(default_factory=list)
-    moved_ns: int = 0
-    """When the last move was asked for: a picture at rest after it shows where it led."""
-    next_id: int = 1
-    held: bool = False
-    home_at_ns: int | None = None
-    stop_tokens: list[int] = field(default_factory=list)
-    stop_until_ns: int | None = None
-    """A stop is under way; nothing starts before it is confirmed."""
-    finished: bool = False
     published: PublishStatus | None = None
     """The status that was told last."""
+
+    @property
+    def state(self) -> State:
+        """Where the daemon is: from the shutdown, else from the devices, else from whoever holds the head."""
+        if self.stopping:
+            return State.STOPPED
+        if not self.serving:
+            return State.FAULT if self.served else State.STARTING
+        return State.IDLE if self.holder is None else self.holder.activity.state_now()
+
+    @property
+    def task(self) -> Task | None:
+        """The request that is being served."""
+        return None if self.holder is None else self.holder.task
+
+    def status(self) -> PublishStatus:
+        """The state as others see it."""
+        return PublishStatus(
+            state=self.state,
+            active=self.task.request.id if self.task else None,
+            phase=self.holder.activity.phase_now() if self.task and self.holder else "",
+            queue=tuple(request.id for request in self.waiting),
+            fisheye=self.fisheye,
+            ptz=self.ptz,
+            held=self.head.held,
+        )
+
+    @property
+    def waiting(self) -> list[Request]:
+        """Requests that wait, in the order they will be served."""
+        return [claim.task.request for claim in self.claims if claim.task is not None]

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 from ptzd.config import Config
 from ptzd.control import commands as cmd
-from ptzd.control.memory import Awaited, HeadWork, MatchWork, Memory
 from ptzd.errors import GeometryError
 from ptzd.geometry.rig import Rig
-from ptzd.model import Box, FrameRef, HeadReading, ViewRef
+from ptzd.model import Box, FrameRef, HeadLimits, HeadReading, Motion, ViewRef
 
 GRAB_GUARD_NS = 7_000_000_000
 """On top of the silence after which the stream counts as lost: to connect anew (5 s) and to prove rest (2 s)."""
@@ -17,8 +17,49 @@ MATCH_GUARD_NS = 30_000_000_000
 """A match takes milliseconds; a worker silent for this long is stuck."""
 MOVE_GUARD_NS = 5_000_000_000
 """On top of the head's own time-out, which answers first unless the adapter is stuck."""
-STOP_GUARD_NS = 3_000_000_000
-"""A stop that is not confirmed within this is reported as such."""
+
+
+class Awaited(StrEnum):
+    """What was asked for."""
+
+    MOVE = "move"
+    GRAB = "grab"
+    MATCH = "match"
+
+
+@dataclass(slots=True, kw_only=True)
+class HeadWork:
+    """The one thing the head is asked to do."""
+
+    kind: Awaited
+    id: int
+    until_ns: int
+
+
+@dataclass(slots=True, kw_only=True)
+class MatchWork:
+    """A match under way."""
+
+    id: int
+    view: int
+    """Index of the view among those of the activity."""
+    until_ns: int
+
+
+@dataclass(slots=True, kw_only=True)
+class HeadState:
+    """What is known of the head, and what it and the matcher were asked for."""
+
+    limits: HeadLimits | None = None
+    reading: HeadReading | None = None
+    motion: Motion = Motion.UNKNOWN
+    held: bool = False
+    """An operator keeps it where it is: no claim begins, and no hold ends."""
+    asked: HeadWork | None = None
+    matches: list[MatchWork] = field(default_factory=list)
+    moved_ns: int = 0
+    """When the last move was asked for: a picture at rest after it shows where it led."""
+    next_id: int = 1
 
 
 def seconds(value: float) -> int:
@@ -28,17 +69,17 @@ def seconds(value: float) -> int:
 
 @dataclass(slots=True, kw_only=True)
 class Work:
-    """What one event sets going: the commands so far, on top of what the core remembers."""
+    """What one event sets going: the commands so far, on top of what the head was asked for before."""
 
     rig: Rig
     config: Config
-    memory: Memory
+    head: HeadState
     t_ns: int = 0
     out: list[cmd.Command] = field(default_factory=list)
 
     def _new_id(self) -> int:
-        number = self.memory.next_id
-        self.memory.next_id += 1
+        number = self.head.next_id
+        self.head.next_id += 1
         return number
 
     def move(self, target: HeadReading) -> None:
@@ -49,7 +90,7 @@ class Work:
         GeometryError
             When the target is outside the limits: planning must not ask for that.
         """
-        limits = self.memory.limits
+        limits = self.head.limits
         if limits is None or not limits.contains(target):
             raise GeometryError(
                 f"move to pan {target.pan_deg:.3f}°, tilt {target.tilt_deg:.3f}°, zoom {target.zoom:.0f} "
@@ -57,15 +98,15 @@ class Work:
             )
         number = self._new_id()
         until = self.t_ns + seconds(self.config.ptz.move_timeout_s) + MOVE_GUARD_NS
-        self.memory.head = HeadWork(kind=Awaited.MOVE, id=number, until_ns=until)
-        self.memory.moved_ns = self.t_ns
+        self.head.asked = HeadWork(kind=Awaited.MOVE, id=number, until_ns=until)
+        self.head.moved_ns = self.t_ns
         self.out.append(cmd.MoveHead(move_id=number, target=target))
 
     def grab(self, not_before_ns: int) -> None:
         """Ask for a picture taken at rest at or after this time; after a move, rest before it never counts."""
         number = self._new_id()
         until = self.t_ns + seconds(self.config.ptz.stall_s) + GRAB_GUARD_NS
-        self.memory.head = HeadWork(kind=Awaited.GRAB, id=number, until_ns=until)
+        self.head.asked = HeadWork(kind=Awaited.GRAB, id=number, until_ns=until)
         self.out.append(cmd.GrabView(grab_id=number, not_before_ns=not_before_ns))
 
     def match(
@@ -81,7 +122,7 @@ class Work:
     ) -> None:
         """Ask for a match of a region in a view."""
         number = self._new_id()
-        self.memory.matches.append(MatchWork(id=number, view=view_index, until_ns=self.t_ns + MATCH_GUARD_NS))
+        self.head.matches.append(MatchWork(id=number, view=view_index, until_ns=self.t_ns + MATCH_GUARD_NS))
         search = self.config.search
         self.out.append(
             cmd.RunMatch(
@@ -99,40 +140,38 @@ class Work:
         )
 
     def stop(self) -> None:
-        """Stop the head; nothing new starts until it is confirmed."""
-        self.memory.head = None
-        self.memory.stop_until_ns = self.t_ns + STOP_GUARD_NS
+        """Stop the head; it is asked for nothing more."""
+        self.head.asked = None
         self.out.append(cmd.StopHead())
 
     def abandon(self) -> None:
         """Forget what is under way; late answers are ignored by their id."""
-        self.memory.head = None
-        if self.memory.matches:
-            self.memory.matches.clear()
+        self.head.asked = None
+        if self.head.matches:
+            self.head.matches.clear()
             self.out.append(cmd.AbandonMatches())
 
     @property
     def looking(self) -> bool:
         """Whether a look is under way: a move, a picture or a match that will be answered."""
-        return self.memory.head is not None or bool(self.memory.matches)
+        return self.head.asked is not None or bool(self.head.matches)
 
     def answers_head(self, kind: Awaited, number: int) -> bool:
         """Whether this is the answer the core waits for; if so, it waits no more."""
-        head = self.memory.head
-        if head is None or head.kind is not kind or head.id != number:
+        asked = self.head.asked
+        if asked is None or asked.kind is not kind or asked.id != number:
             return False
-        self.memory.head = None
+        self.head.asked = None
         return True
 
     def answers_match(self, number: int) -> MatchWork | None:
         """Take the match of this id off the list, None when it was abandoned."""
-        for work in self.memory.matches:
+        for work in self.head.matches:
             if work.id == number:
-                self.memory.matches.remove(work)
+                self.head.matches.remove(work)
                 return work
         return None
 
-    def feedback(self, step: str, **detail: object) -> None:
-        """Tell the client of the active request about one step."""
-        if self.memory.active is not None:
-            self.out.append(cmd.PublishFeedback(id=self.memory.active.request.id, step=step, detail=detail))
+    def feedback(self, request_id: str, step: str, **detail: object) -> None:
+        """Tell whoever follows a request about one step."""
+        self.out.append(cmd.PublishFeedback(id=request_id, step=step, detail=detail))

@@ -11,8 +11,9 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from ptzd.errors import LogError
+from ptzd.log import claims
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 """Of events, commands and settings as they are written; in the metadata ``ptzd.run`` of every file."""
 
 Body = dict[str, object]
@@ -36,7 +37,12 @@ class Step:
     """The parsed ``config.yaml``."""
 
 
-STEPS: Mapping[int, Step] = {}
+def _claims(name: str, body: Body) -> tuple[str, Body]:
+    """1 to 2: what the core remembers of states, queue, request and homing is who holds the head and who waits."""
+    return name, {**body, "state": claims.of_states(body)} if name == "Snapshot" else body
+
+
+STEPS: Mapping[int, Step] = {1: Step(decision=_claims)}
 """By the version they start from."""
 
 

@@ -187,8 +187,8 @@ class Player:
         self._machine = Machine.restored(self._rig, self._config, snapshot)
         if self._recorded is not None:
             self._reference = Machine.restored(*self._recorded, snapshot)
-        active = msgspec.convert(snapshot.state, Memory, strict=False).active
-        self._active = active.request.id if active is not None else ""
+        task = msgspec.convert(snapshot.state, Memory, strict=False).task
+        self._active = task.request.id if task is not None else ""
 
     def _note_hole(self, step: _Step) -> None:
         """Behind a hole the core would decide on what it was not told, so only further holes are looked for."""

@@ -11,7 +11,8 @@ from typing import Any
 from ptzd.config import Config, core_parts
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
-from ptzd.control.machine import RING_FRAMES, Machine
+from ptzd.control.health import RING_FRAMES
+from ptzd.control.machine import Machine
 from ptzd.control.states import State
 from ptzd.errors import DeviceError
 from ptzd.geometry.rig import Rig

@@ -11,9 +11,10 @@ import msgspec
 from ptzd.config import core_parts
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
+from ptzd.control.activities.stop import STOP_GUARD_NS
 from ptzd.control.machine import Machine
 from ptzd.control.states import TRANSITIONS, WORKING, State
-from ptzd.control.work import MATCH_GUARD_NS, STOP_GUARD_NS
+from ptzd.control.work import MATCH_GUARD_NS
 from ptzd.model import Box, FrameRef, HeadLimits, HeadReading, Motion, ViewRef
 
 HOME = HeadReading(pan_deg=0.0, tilt_deg=0.0, zoom=1.0)

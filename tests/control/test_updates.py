@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
-from ptzd.control.lock import CONFIRMED_LOOKS
+from ptzd.control.activities.lock import CONFIRMED_LOOKS
 from ptzd.control.states import State
 from ptzd.model import Box, FrameRef, Outcome
 

@@ -82,9 +82,10 @@ def old_log(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def present(monkeypatch: pytest.MonkeyPatch) -> None:
-    """This version is the next one."""
-    monkeypatch.setattr(migrations, "SCHEMA_VERSION", 2)
-    monkeypatch.setattr(migrations, "STEPS", {1: Step(decision=newer, settings=newer_settings)})
+    """One version more lies before the first."""
+    follow = {number + 1: step for number, step in migrations.STEPS.items()}
+    monkeypatch.setattr(migrations, "SCHEMA_VERSION", migrations.SCHEMA_VERSION + 1)
+    monkeypatch.setattr(migrations, "STEPS", {1: Step(decision=newer, settings=newer_settings), **follow})
 
 
 @pytest.mark.usefixtures("present")
@@ -98,9 +99,10 @@ def test_an_older_log_replays_as_the_same_one_of_today(old_log: Path, recompute:
 
 
 def replay_today(*, recompute: bool):
-    """The same log as it lies there, under the version that wrote it."""
+    """The same log as it lies there, without that version."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(migrations, "SCHEMA_VERSION", 1)
+        patch.setattr(migrations, "SCHEMA_VERSION", migrations.SCHEMA_VERSION - 1)
+        patch.setattr(migrations, "STEPS", {number - 1: step for number, step in migrations.STEPS.items()})
         return replay(LOCK, recompute=recompute)
 
 
@@ -125,9 +127,9 @@ def test_what_is_not_as_its_version_has_it_is_named() -> None:
 
 
 @pytest.mark.usefixtures("present")
-@pytest.mark.parametrize("version", [0, 3, -1])
+@pytest.mark.parametrize("version", [0, 4, -1])
 def test_a_version_that_never_was_or_is_to_come_is_refused(version: int) -> None:
-    with pytest.raises(LogError, match=f"schema version {version} is not one of 1 to 2"):
+    with pytest.raises(LogError, match=f"schema version {version} is not one of 1 to 3"):
         list(steps_from(version))
     with pytest.raises(LogError, match=f"HeadPolled: schema version {version}"):
         codec.decode_event("HeadPolled", "{}", version)

@@ -1,0 +1,190 @@
+"""The scan: walk the views of the arc, match each as it comes, decide over all of them."""
+
+from __future__ import annotations
+
+import math
+
+from msgspec import Struct, field
+
+from ptzd.control.activities.activity import Activity, Failure, Next, Over, Step, out_of_time
+from ptzd.control.activities.lock import Lock
+from ptzd.control.decision import Decision, Thresholds, Verdict, decide
+from ptzd.control.planning.neighbourhood import band_rad, neighbourhood
+from ptzd.control.requests import Request, Task
+from ptzd.control.scan import ScanPlan, plan_views
+from ptzd.control.states import State
+from ptzd.control.work import Awaited, Work
+from ptzd.model import HeadReading, MatchResult, Outcome, ViewRef
+
+CLOSER = 0.5
+"""A further round looks with half the field of view: twice the pixels on the region."""
+MAX_RIVALS = 3
+"""Places a closer round looks at; with more the region is a repeated pattern and stays ambiguous."""
+RIVAL_SHARE = 0.7
+"""Places with less than this share of the best score need no closer look."""
+NEIGHBOURHOOD_PX = 6.0
+"""Half width, in fisheye pixels along the arc, of what a closer look at one place searches."""
+
+
+class Looked(Struct, kw_only=True):
+    """A match that came in."""
+
+    view: int
+    """Index into `Scan.taken`."""
+    result: MatchResult
+
+
+class Scan(Activity, kw_only=True, tag="scan"):
+    """The region is looked for along its whole arc."""
+
+    task: Task
+    round: int = 0
+    """0 before the first one is planned."""
+    views: list[HeadReading] = field(default_factory=list)
+    next_view: int = 0
+    taken: list[ViewRef] = field(default_factory=list)
+    matches: list[Looked] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    """What went wrong with single views, and what no view can show."""
+
+    def state_now(self) -> State:
+        """Only the matcher is waited for once every view was taken."""
+        return State.MATCH if self.next_view >= len(self.views) else State.SCAN
+
+    def begin(self, work: Work) -> Step:
+        """Plan the first round and send the head to its first view; over when nothing of the arc can be reached."""
+        wish = work.config.search.scan_hfov_deg
+        interval = self.task.request.inverse_range
+        plan = _plan(work, self.task.request, interval, None if wish is None else math.radians(wish))
+        if not plan.views:
+            reason = "no part of the region's epipolar arc lies within the head's limits; check limits and range_m"
+            return Over(outcome=Outcome.UNREACHABLE, reason=reason)
+        self._set_out(work, _poses(plan), plan.unreachable_in_words(metric=work.rig.metric))
+        return None
+
+    def on_arrived(self, work: Work) -> Step:
+        """Take the picture."""
+        work.grab(work.head.moved_ns)
+        return None
+
+    def on_picture(self, work: Work, view: ViewRef) -> Step:
+        """Match it while the head goes on to the next view."""
+        request = self.task.request
+        self.taken.append(view)
+        self.task.views += 1
+        pose = view.reading
+        work.feedback(
+            request.id, "view", pan_deg=pose.pan_deg, tilt_deg=pose.tilt_deg, zoom=pose.zoom, seq=view.frame.seq
+        )
+        work.match(
+            request_id=request.id,
+            frame=request.frame,
+            box=request.box,
+            view=view,
+            view_index=len(self.taken) - 1,
+            inverse_range=request.inverse_range,
+            band_rad=band_rad(work.rig, request),
+        )
+        return self._walk_on(work)
+
+    def on_match(self, work: Work, view: int, result: MatchResult) -> Step:
+        """Decide at once when the answer is certain, otherwise when all views are in."""
+        self.matches.append(Looked(view=view, result=result))
+        best = result.candidates[0].score if result.candidates else 0.0
+        work.feedback(self.task.request.id, "match", view=view, score=round(best, 4), candidates=len(result.candidates))
+        decision = self._decide(work)
+        if decision.outcome is Verdict.NO_TEXTURE:
+            return self._refused(decision)
+        certain = decision.probability >= work.config.search.certain_probability
+        return (self._found(decision) if certain else None) or self._conclude(work)
+
+    def on_failed(self, work: Work, failure: Failure) -> Step:
+        """A view that could not be taken or matched is noted, and the walk goes on."""
+        matching = failure.what is Awaited.MATCH
+        place = "" if matching else f"view {self.next_view + 1} of {len(self.views)}: "
+        self.notes.append(f"{place}{failure.reason}")
+        work.feedback(self.task.request.id, "note", text=self.notes[-1])
+        return self._conclude(work) if matching else self._walk_on(work)
+
+    def on_time(self, work: Work) -> Step:
+        """The client's time is kept."""
+        return out_of_time(work, self.task.request.expires_ns)
+
+    def wakes_ns(self, work: Work) -> int | None:
+        """See `Activity`."""
+        del work
+        return self.task.request.expires_ns
+
+    def _set_out(self, work: Work, views: list[HeadReading], missing: str = "") -> None:
+        """Begin a round: tell what it shows and what no pose can show, and send the head to its first view."""
+        self.round, self.views, self.next_view, self.taken, self.matches = self.round + 1, views, 0, [], []
+        detail: dict[str, object] = {"unreachable": missing} if missing else {}
+        if missing:
+            self.notes.append(f"no pose within the head's limits shows {missing}")
+        work.feedback(self.task.request.id, "plan", views=len(views), round=self.round, **detail)
+        work.move(views[0])
+
+    def _walk_on(self, work: Work) -> Step:
+        self.next_view += 1
+        if self.next_view < len(self.views):
+            work.move(self.views[self.next_view])
+            return None
+        return self._conclude(work)
+
+    def _conclude(self, work: Work) -> Step:
+        """Decide over all views once nothing is outstanding."""
+        if self.next_view < len(self.views) or work.looking:
+            return None
+        if not self.matches:
+            return Over(outcome=Outcome.UNREACHABLE, reason=f"no view could be used: {'; '.join(self.notes)}")
+        decision = self._decide(work)
+        if (found := self._found(decision)) is not None:
+            return found
+        if decision.outcome is Verdict.AMBIGUOUS and self.round < work.config.search.max_rounds:
+            closer = self._closer(work, decision)
+            if closer:
+                self._set_out(work, closer)
+                return None
+        return self._refused(decision)
+
+    def _decide(self, work: Work) -> Decision:
+        results = [(match.view, match.result) for match in self.matches]
+        return decide(results, Thresholds(accept_probability=work.config.search.accept_probability))
+
+    def _found(self, decision: Decision) -> Next | None:
+        """Go on to the lock, if the region was recognised."""
+        if decision.outcome is not Verdict.FOUND or decision.best is None or decision.view is None:
+            return None
+        zoom = self.taken[decision.view].reading.zoom
+        place, probability = decision.best, decision.probability
+        return Next(activity=Lock(task=self.task, place=place, probability=probability, wide_zoom=zoom, zoom=zoom))
+
+    def _refused(self, decision: Decision) -> Over:
+        reason = "; ".join([decision.reason, *self.notes])
+        return Over(outcome=Outcome(decision.outcome.value), reason=reason, probability=decision.probability)
+
+    def _closer(self, work: Work, decision: Decision) -> list[HeadReading]:
+        """Views of a closer round: around each of the rival places, with half the field of view."""
+        request = self.task.request
+        places = [] if decision.best is None else [decision.best, *(rival.candidate for rival in decision.rivals)]
+        alike = [place for place in places if place.score >= RIVAL_SHARE * places[0].score]
+        if len(alike) > MAX_RIVALS:
+            return []
+        narrowest = work.rig.zoom.hfov_range_rad[0]
+        hfov = max(work.rig.zoom.camera_at(self.taken[0].reading.zoom).hfov_rad * CLOSER, narrowest)
+        views: list[HeadReading] = []
+        for place in alike:
+            near = neighbourhood(work.rig, request, place.inverse_range, NEIGHBOURHOOD_PX)
+            views += _poses(_plan(work, request, near, hfov))
+        return views
+
+
+def _plan(work: Work, request: Request, inverse_range: tuple[float, float], hfov_rad: float | None) -> ScanPlan:
+    limits, present = work.head.limits, work.head.reading
+    if limits is None or present is None:
+        raise AssertionError("a scan without limits or a position")
+    return plan_views(work.rig, request.box, inverse_range, limits, present, hfov_rad=hfov_rad)
+
+
+def _poses(plan: ScanPlan) -> list[HeadReading]:
+    return [view.reading for view in plan.views]

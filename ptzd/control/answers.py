@@ -1,0 +1,94 @@
+"""What comes of the work that was asked for, and what happens when nothing comes in time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ptzd.control import events as ev
+from ptzd.control.activities.activity import Failure
+from ptzd.control.authority import Authority
+from ptzd.control.desk import Desk
+from ptzd.control.memory import Memory
+from ptzd.control.work import Awaited, Work
+from ptzd.model import Outcome
+
+
+@dataclass(slots=True, kw_only=True)
+class Answers:
+    """Leads each answer to the activity that waits for it; late ones are known by their id and lead nowhere."""
+
+    memory: Memory
+    work: Work
+    desk: Desk
+    authority: Authority
+
+    def on_arrived(self, event: ev.HeadArrived) -> None:
+        """The head rests at the target."""
+        self.work.head.reading = event.reading
+        if self.work.answers_head(Awaited.MOVE, event.move_id) and self.memory.holder is not None:
+            self.authority.apply(self.memory.holder.activity.on_arrived(self.work))
+
+    def on_stalled(self, event: ev.HeadStalled) -> None:
+        """The head rests elsewhere."""
+        self.work.head.reading = event.reading
+        if self.work.answers_head(Awaited.MOVE, event.move_id):
+            self._failed(Awaited.MOVE, event.reason)
+
+    def on_view(self, event: ev.ViewTaken) -> None:
+        """A picture at rest."""
+        if self.work.answers_head(Awaited.GRAB, event.grab_id) and self.memory.holder is not None:
+            self.authority.apply(self.memory.holder.activity.on_picture(self.work, event.view))
+
+    def on_grab_failed(self, event: ev.GrabFailed) -> None:
+        """No usable picture."""
+        if self.work.answers_head(Awaited.GRAB, event.grab_id):
+            self._failed(Awaited.GRAB, event.reason)
+
+    def on_match(self, event: ev.MatchFinished) -> None:
+        """A matcher's answer."""
+        answered = self.work.answers_match(event.match_id)
+        if answered is not None and self.memory.holder is not None:
+            self.authority.apply(self.memory.holder.activity.on_match(self.work, answered.view, event.result))
+
+    def on_match_failed(self, event: ev.MatchFailed) -> None:
+        """A matcher that could not run."""
+        if self.work.answers_match(event.match_id) is not None:
+            self._failed(Awaited.MATCH, event.reason)
+
+    def on_deadline(self, event: ev.DeadlinePassed) -> None:
+        """Time has passed: stops, waiting requests, answers that are late, the activity's own time, the way home."""
+        memory, t_ns = self.memory, event.t_ns
+        stop = self.authority.stop_under_way
+        if stop is not None:
+            self.authority.apply(stop.on_time(self.work))
+        for waiting in [request for request in memory.waiting if t_ns >= request.expires_ns]:
+            self.desk.end_waiting(waiting, Outcome.TIMEOUT, "its time ran out while it waited")
+        for late in [match for match in self.work.head.matches if t_ns >= match.until_ns]:
+            if self.work.answers_match(late.id) is not None:
+                self._failed(Awaited.MATCH, "the matcher did not answer")
+        asked = self.work.head.asked
+        if asked is not None and t_ns >= asked.until_ns:
+            self.work.head.asked = None
+            self._failed(asked.kind, f"the camera did not answer a {asked.kind} in time")
+        if memory.holder is not None and self.authority.stop_under_way is None:
+            self.authority.apply(memory.holder.activity.on_time(self.work))
+        homing_ns = self.authority.homing_ns
+        if homing_ns is not None and t_ns >= homing_ns:
+            self.authority.go_home()
+
+    def deadline_ns(self) -> int | None:
+        """Earliest of all deadlines, ns: armed exactly while something is under way or waits for its time."""
+        memory, head = self.memory, self.work.head
+        wanted = [
+            None if head.asked is None else head.asked.until_ns,
+            *(match.until_ns for match in head.matches),
+            *(request.expires_ns for request in memory.waiting),
+            None if memory.holder is None else memory.holder.activity.wakes_ns(self.work),
+            self.authority.homing_ns,
+        ]
+        return min((deadline for deadline in wanted if deadline is not None), default=None)
+
+    def _failed(self, what: Awaited, reason: str) -> None:
+        holder = self.memory.holder
+        if holder is not None:
+            self.authority.apply(holder.activity.on_failed(self.work, Failure(what=what, reason=reason)))

@@ -1,0 +1,158 @@
+"""Whose the head is: one holder, what waits behind it by rank, and what follows when an activity answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import cast
+
+from ptzd.control.activities.activity import Next, Over, Step
+from ptzd.control.activities.home import Home, is_there
+from ptzd.control.activities.lock import Lock
+from ptzd.control.activities.scan import Scan
+from ptzd.control.activities.stop import Stop
+from ptzd.control.desk import Desk
+from ptzd.control.memory import AnyActivity, Claim, Memory, Rank
+from ptzd.control.work import Work, seconds
+from ptzd.model import Outcome
+
+MAX_RESCANS = 1
+"""A target that was found and lost is searched for once more from the beginning."""
+
+
+@dataclass(slots=True, kw_only=True)
+class Authority:
+    """Grants the head; nothing else changes the holder."""
+
+    memory: Memory
+    work: Work
+    desk: Desk
+
+    @property
+    def stop_under_way(self) -> Stop | None:
+        """The stop that is not confirmed yet."""
+        holder = self.memory.holder
+        return holder.activity if holder is not None and isinstance(holder.activity, Stop) else None
+
+    @property
+    def homing_ns(self) -> int | None:
+        """When the head goes home if nothing comes between; None when it does not."""
+        if self.memory.holder is not None or not self.memory.serving:
+            return None
+        return next((claim.from_ns for claim in self.memory.claims if claim.rank == Rank.HOME), None)
+
+    def apply(self, step: Step) -> None:
+        """Go on as the holder's activity answered."""
+        holder = self.memory.holder
+        if holder is None or step is None:
+            return
+        if isinstance(step, Over):
+            again = self._again(holder, step)
+            if again is None:
+                self.end(step)
+                self.take_next()
+                return
+            step = again
+        self.work.abandon()
+        holder.activity = cast("AnyActivity", step.activity)
+        self.apply(holder.activity.begin(self.work))
+
+    def end(self, over: Over) -> None:
+        """The holder's claim is over: what it had set going is dropped, and whoever asked hears of it."""
+        holder, self.memory.holder = self.memory.holder, None
+        if holder is None:
+            return
+        if isinstance(holder.activity, Stop):
+            self.desk.answer_stops(holder.activity.take_tokens(), over.reason)
+        elif holder.task is not None:
+            self.work.abandon()
+            self.desk.end_served(holder, over)
+            self.plan_homing()
+        if over.stop:
+            self.stop()
+
+    def end_request(self, outcome: Outcome, reason: str, probability: float | None = None) -> None:
+        """End the request that is being served, if there is one."""
+        if self.memory.task is not None:
+            self.end(Over(outcome=outcome, reason=reason, probability=probability))
+
+    def end_all(self, outcome: Outcome, reason: str) -> None:
+        """Give every request its result; the head stays where it is, but for a stop under way."""
+        if self.stop_under_way is None:
+            self.end(Over(outcome=outcome, reason=reason))
+        for waiting in self.memory.waiting:
+            self.desk.end_waiting(waiting, outcome, reason)
+        self.forget_homing()
+
+    def take_next(self) -> None:
+        """Give the head to what waits and may begin."""
+        while (claim := self._next()) is not None:
+            self.memory.claims.remove(claim)
+            self._begin(claim)
+
+    def stop(self, token: int | None = None) -> None:
+        """Stop the head: that outranks everything, and nothing begins before the camera has confirmed it."""
+        activity = self.stop_under_way or Stop()
+        activity.begin(self.work)
+        if token is not None:
+            activity.tokens.append(token)
+        self.memory.holder = Claim(owner="stop", rank=Rank.STOP, activity=activity)
+
+    def stop_is_over(self, reason: str = "") -> None:
+        """The camera stands, or with a reason: did not say so. Whoever asked hears of it."""
+        if self.stop_under_way is not None:
+            self.end(Over(reason=reason))
+
+    def leave_home(self) -> None:
+        """The head is on its way home no more."""
+        if self.memory.holder is not None and isinstance(self.memory.holder.activity, Home):
+            self.work.abandon()
+            self.memory.holder = None
+
+    def plan_homing(self) -> None:
+        """Go home after the configured quiet time, unless the head is there or an operator holds it."""
+        self.forget_homing()
+        if not self.work.head.held and not is_there(self.work.config, self.work.head.reading):
+            from_ns = self.work.t_ns + seconds(self.work.config.home.idle_s)
+            self.memory.claims.append(Claim(owner="home", rank=Rank.HOME, activity=Home(), from_ns=from_ns))
+
+    def forget_homing(self) -> None:
+        """The head stays where it is."""
+        self.memory.claims[:] = [claim for claim in self.memory.claims if claim.rank != Rank.HOME]
+
+    def go_home(self) -> None:
+        """Send the head home now, unless something has it."""
+        self.forget_homing()
+        if self.memory.holder is None:
+            self._begin(Claim(owner="home", rank=Rank.HOME, activity=Home()))
+
+    def _next(self) -> Claim | None:
+        """What begins now: the first that waits for nothing but its turn, when no request and no stop has the head."""
+        memory = self.memory
+        taken = memory.holder is not None and memory.holder.rank >= Rank.REQUEST
+        if taken or not memory.serving or memory.stopping or self.work.head.held:
+            return None
+        return next((claim for claim in memory.claims if claim.from_ns is None), None)
+
+    def _begin(self, claim: Claim) -> None:
+        """Give the head to a claim; one that cannot even begin leaves it to whoever has it."""
+        before, self.memory.holder = self.memory.holder, claim
+        step = claim.activity.begin(self.work)
+        if isinstance(step, Over):
+            self.memory.holder = before
+            if claim.task is not None:
+                self.desk.end_served(claim, step)
+        elif claim.task is not None:
+            self.forget_homing()
+
+    def _again(self, holder: Claim, over: Over) -> Next | None:
+        """Search once more for what was found and lost; a client that had its lock has its whole time again."""
+        task, lock = holder.task, holder.activity
+        if not over.again or task is None or task.rescans >= MAX_RESCANS:
+            return None
+        request = task.request
+        if isinstance(lock, Lock) and lock.locked_ns is not None:
+            request.expires_ns += self.work.t_ns - request.accepted_ns
+        task.rescans += 1
+        request.adopt_newest()
+        self.work.feedback(request.id, "note", text=f"{over.reason}; scanning again")
+        return Next(activity=Scan(task=task))

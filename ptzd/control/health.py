@@ -1,0 +1,75 @@
+"""Whether the devices are well, and what follows when one is lost or comes back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ptzd.control import events as ev
+from ptzd.control.authority import Authority
+from ptzd.control.memory import Memory
+from ptzd.control.work import Work
+from ptzd.model import Outcome
+
+WELL = "well"
+RING_FRAMES = 128
+"""Fisheye frames that a request may name; at 30 fps 4 s, more than the default ``frame_max_age_s`` in use."""
+
+
+@dataclass(slots=True, kw_only=True)
+class Health:
+    """The devices' part of the core."""
+
+    memory: Memory
+    work: Work
+    authority: Authority
+
+    def on_frame(self, event: ev.FrameArrived) -> None:
+        """Requests may name it from now on."""
+        frames = self.memory.frames
+        frames.append(event.frame)
+        if len(frames) > RING_FRAMES:
+            del frames[: len(frames) - RING_FRAMES]
+
+    def on_head_ready(self, event: ev.HeadReady) -> None:
+        """What the head can do is known."""
+        self.work.head.limits, self.work.head.reading = event.limits, event.reading
+
+    def on_polled(self, event: ev.HeadPolled) -> None:
+        """Where the head is."""
+        self.work.head.reading, self.work.head.motion = event.reading, event.motion
+
+    def on_foreign_motion(self, event: ev.ForeignMotion) -> None:
+        """Somebody else moves the head: it is left to them."""
+        self.work.head.reading = event.reading
+        self.authority.leave_home()
+        self.authority.end_request(Outcome.PREEMPTED, "somebody else moves the camera")
+        self.authority.forget_homing()
+
+    def on_lost(self, event: ev.DeviceLost) -> None:
+        """The request ends, and nothing begins before both devices are well."""
+        memory = self.memory
+        self.authority.end_request(Outcome.DEVICE_LOST, f"{event.device}: {event.reason}")
+        self.authority.leave_home()
+        self.work.abandon()
+        memory.serving = False
+        if event.device is ev.Device.FISHEYE:
+            memory.fisheye = event.reason
+            memory.frames.clear()
+            if memory.ptz == WELL:
+                self.authority.stop()
+        else:
+            memory.ptz = event.reason
+            self.authority.stop_is_over(event.reason)
+
+    def on_well(self, event: ev.DeviceWell) -> None:
+        """With both well the daemon serves."""
+        memory = self.memory
+        if event.device is ev.Device.FISHEYE:
+            memory.fisheye = WELL
+        else:
+            memory.ptz = WELL
+        all_well = memory.fisheye == memory.ptz == WELL and self.work.head.limits is not None
+        if all_well and not memory.serving:
+            memory.serving = memory.served = True
+            self.authority.plan_homing()
+            self.authority.take_next()

@@ -1,0 +1,52 @@
+"""An accepted request, and how far it has come."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from ptzd.control.events import ZoomWish
+from ptzd.model import Box, FrameRef
+
+
+@dataclass(slots=True, kw_only=True)
+class Request:
+    """An accepted request."""
+
+    id: str
+    label: str
+    priority: int
+    box: Box
+    frame: FrameRef
+    inverse_range: tuple[float, float]
+    """1/m or 1/baseline, far end first."""
+    zoom: ZoomWish
+    hfov_deg: float | None
+    fill: float
+    hold_ns: int
+    accepted_ns: int
+    expires_ns: int
+    """To be locked by then."""
+    newer_box: Box | None = None
+    """The newest update; waits for the look under way, or for the lock to begin."""
+    newer_frame: FrameRef | None = None
+    pinned: list[FrameRef] = field(default_factory=list)
+    """Frames whose bytes are kept for the request."""
+
+    def adopt_newest(self) -> bool:
+        """Take over the newest update, if one waits."""
+        if self.newer_box is None or self.newer_frame is None:
+            return False
+        self.box, self.frame = self.newer_box, self.newer_frame
+        self.newer_box = self.newer_frame = None
+        return True
+
+
+@dataclass(slots=True, kw_only=True)
+class Task:
+    """A request that is served or waits for it, over all the activities that serve it."""
+
+    request: Request
+    rescans: int = 0
+    """How often a target that was found and lost has been searched for anew."""
+    views: int = 0
+    """Pictures taken for it."""
