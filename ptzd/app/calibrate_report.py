@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from ptzd.app.calibrating import Outcome, camera_to_edge, read_shots
 from ptzd.calibration.intrinsics import LensFit, in_camera
 from ptzd.calibration.pictures import Boards, read_grey
+from ptzd.calibration.reach import Reach, reach_of
 from ptzd.geometry.arc import EpipolarArc
 from ptzd.geometry.rig import Rig
-from ptzd.geometry.types import Array, in_picture
+from ptzd.geometry.types import Array, CameraModel, in_picture
 
 MAGNIFIED = 60.0
 """Residuals are drawn so many times as long as they are."""
@@ -81,6 +82,7 @@ def fisheye_report(outcome: Outcome, fit: LensFit, boards: Boards) -> str:
     drawn = residual_figure(fit.size_px, pixels, np.concatenate(fit.residuals))
     figures = [(f"Residuals, {MAGNIFIED:g} times as long; blue where boards were: cover what is white.", drawn)]
     camera = camera_to_edge(fit)
+    figures.append(reach_figure(fit.size_px, reach_of(camera)))
     worst = np.argsort([-float(np.abs(part).mean()) for part in fit.residuals])[:SHOWN_PICTURES]
     for index in worst.tolist():
         view = fit.views[index]
@@ -99,6 +101,30 @@ def fisheye_report(outcome: Outcome, fit: LensFit, boards: Boards) -> str:
     told += "pictures with the board where the field is white would improve it." if quality > 0 else ""
     lines = (*outcome.lines, told)
     return page("Fisheye", Outcome(lines=lines, document=outcome.document, written=()), figures)
+
+
+def import_report(outcome: Outcome, camera: CameraModel, reach: Reach) -> str:
+    """Report of `ptzd calibrate fisheye --from`."""
+    return page("Fisheye", outcome, [reach_figure(camera.size_px, reach)])
+
+
+def reach_figure(size_px: tuple[int, int], reach: Reach) -> tuple[str, str]:
+    """Caption and drawing of the picture's parts with and without rays."""
+    width, height = size_px
+    rows, columns = reach.covered.shape
+    across, down = width / columns, height / rows
+    strokes = []
+    for row, line in enumerate(reach.covered):
+        edges = np.flatnonzero(np.diff(np.concatenate([[True], line, [True]])))
+        strokes += [
+            f"M{first * across:.1f} {row * down:.1f}H{last * across:.1f}v{down:.1f}H{first * across:.1f}z"
+            for first, last in edges.reshape(-1, 2).tolist()
+        ]
+    drawn = (
+        f'<svg viewBox="0 0 {width} {height}" width="{min(width, 900)}" xmlns="http://www.w3.org/2000/svg">'
+        f'<rect width="{width}" height="{height}" fill="#eef6ee"/><path d="{"".join(strokes)}" fill="#b3261e"/></svg>'
+    )
+    return f"The picture, red where it has no rays: {reach.told()}.", drawn
 
 
 def _marks(image: NDArray[np.uint8], pixels: Array, colour: tuple[int, int, int], kind: int) -> None:

@@ -18,7 +18,7 @@ from ptzd.calibration.file import fisheye_section, read_fisheye_section
 from ptzd.calibration.intrinsics import LensFit, calibrate_lens
 from ptzd.calibration.lens import KANNALA_BRANDT, PERSPECTIVE, UNIFIED, WIDE_RAD
 from ptzd.calibration.pictures import Boards, read_boards
-from ptzd.calibration.readers import read_foreign
+from ptzd.calibration.reach import reach_of
 from ptzd.calibration.target import Target
 from ptzd.calibration.views import ViewVerdict
 from ptzd.documents import DocumentError, parse_yaml, read_text
@@ -213,6 +213,8 @@ def fisheye(source: Path, target: Target, work: Path, model: str, say: Say) -> t
         "sigma": dict(zip(lens.names, np.sqrt(np.diag(fit.covariance)).tolist(), strict=True)),
         "covariance": covariance_part(lens.names, fit.covariance),
     }
+    reach = reach_of(camera_to_edge(fit))
+    quality |= reach.document()
     path = write_part(work, "fisheye", fisheye_section(camera_to_edge(fit)), quality)
     lines = [
         *verdict_lines(verdicts),
@@ -221,6 +223,7 @@ def fisheye(source: Path, target: Target, work: Path, model: str, say: Say) -> t
         "  " + ", ".join(f"{name} {value:.5g}" for name, value in zip(lens.names, fit.values.tolist(), strict=True)),
         f"  {rival.name}: rms {other.rms_px:.3f} px, its rays differ by {np.median(difference):.3f}° in the median, "
         f"{np.percentile(difference, 95):.3f}° at 95 %",
+        f"  {reach.told()}, {_why_it_ends(fit)}",
     ]
     document = {**quality, "verdicts": [_plain(verdict) for verdict in verdicts]}
     return Outcome(lines=tuple(lines), document=document, written=(path,)), fit, boards
@@ -232,12 +235,11 @@ def _plain(verdict: ViewVerdict) -> dict[str, object]:
     return {"name": verdict.name, "status": verdict.status.value, "reason": verdict.reason, **known}
 
 
-def foreign(path: Path, work: Path, max_angle_deg: float) -> Outcome:
-    """The fisheye from another tool's file."""
-    camera = read_foreign(path, max_angle_deg)
-    written = write_part(work, "fisheye", fisheye_section(camera), {"source": path.name})
-    line = f"fisheye: {type(camera).__name__} {camera.size_px[0]}×{camera.size_px[1]} px read from {path}"
-    return Outcome(lines=(line,), document={"source": str(path)}, written=(written,))
+def _why_it_ends(fit: LensFit) -> str:
+    if camera_to_edge(fit).limit_rad < fit.max_angle_rad + EDGE_RAD - 1e-5:
+        return "where the model folds back"
+    seen = math.degrees(fit.max_angle_rad)
+    return f"which is {math.degrees(EDGE_RAD):g}° beyond the farthest point of a board ({seen:.1f}°)"
 
 
 def zoom_from_boards(shots: Path, target: Target, work: Path, say: Say) -> Outcome:

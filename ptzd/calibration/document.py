@@ -130,7 +130,7 @@ def check_document(document: Document) -> None:
     """Raise CalibrationError, path first, for the first value that cannot be true of a real rig."""
     sections = {name: getattr(document, name) for name in ("fisheye", "ptz", "head", "rig", "uncertainty")}
     _check_finite(msgspec.to_builtins(sections), "")
-    _check_fisheye(document.fisheye)
+    check_fisheye(document.fisheye)
     _check_zoom(document.ptz)
     for axis in ("pan", "tilt"):
         _check_axis(getattr(document.head, axis), f"head.{axis}")
@@ -165,7 +165,9 @@ def _check_pinhole(part: FisheyePart | ZoomPart, size_px: tuple[int, int], path:
         require(inside, f"{path}.{name}", f"{value:g} px is outside the picture, -0.5 to {side - 0.5:g} px")
 
 
-def _check_fisheye(part: FisheyePart) -> None:
+def check_fisheye(part: FisheyePart) -> None:
+    """Raise CalibrationError, path first, for the first value that cannot be true of a fisheye."""
+    _check_finite(msgspec.to_builtins(part), "fisheye")
     _check_size(part.size_px, "fisheye.size_px")
     _check_pinhole(part, part.size_px, "fisheye")
     if isinstance(part, UnifiedPart):

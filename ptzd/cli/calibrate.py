@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -77,9 +78,14 @@ def _add_fisheye(steps: argparse._SubParsersAction[Any], parents: list[argparse.
     fisheye.add_argument("--live", action="store_true", help="take the pictures now, guided; the folder keeps them")
     fisheye.add_argument("--config", type=Path, help="settings that name the fisheye, with --live")
     fisheye.add_argument("--count", type=int, default=16, help="pictures to take with --live, at least")
-    fisheye.add_argument("--from", dest="source", type=Path, help="a calibration of OpenCV, Kalibr or ROS instead")
+    fisheye.add_argument("--from", dest="source", type=Path, help="another tool's calibration instead (OpenCV, ROS …)")
     fisheye.add_argument("--max-angle", type=float, default=90.0, help="edge of the image circle with --from, deg")
-    fisheye.add_argument("--model", choices=["unified", "kannala_brandt"], default="unified")
+    fisheye.add_argument("--camera", metavar="NAME", help="which one of a file of several, with --from")
+    fisheye.add_argument(
+        "--size", metavar="WxH", help="of the pictures, px, with --from: where the file does not say it"
+    )
+    models = ["unified", "kannala_brandt", "perspective"]
+    fisheye.add_argument("--model", choices=models, help="default unified; with --from: what the file says")
     fisheye.add_argument("--report", type=Path, help="HTML")
     fisheye.set_defaults(run=_fisheye)
 
@@ -147,16 +153,46 @@ def _fisheye(arguments: argparse.Namespace) -> int:
     from ptzd.app.calibrate_report import fisheye_report
 
     if arguments.source is not None:
-        return _show(calibrating.foreign(arguments.source, arguments.work, arguments.max_angle), as_json=arguments.json)
+        return _import(arguments)
+    if arguments.camera is not None or arguments.size is not None or arguments.model == "perspective":
+        raise CalibrationError("fisheye: --camera, --size and --model perspective go with --from a calibration")
     pictures = _live(arguments) if arguments.live else arguments.pictures
     if pictures is None:
         raise CalibrationError(
             "fisheye: give the folder with pictures of the board, --live with --config, or --from a calibration"
         )
-    outcome, fit, boards = calibrating.fisheye(pictures, _target(arguments), arguments.work, arguments.model, _say)
+    outcome, fit, boards = calibrating.fisheye(
+        pictures, _target(arguments), arguments.work, arguments.model or "unified", _say
+    )
     report = arguments.report or arguments.work / "fisheye.html"
     report.write_text(fisheye_report(outcome, fit, boards), encoding="utf-8")
     return _show(replace(outcome, written=(*outcome.written, report)), as_json=arguments.json)
+
+
+def _import(arguments: argparse.Namespace) -> int:
+    from ptzd.app.calibrate_import import foreign
+    from ptzd.app.calibrate_report import import_report
+    from ptzd.calibration.foreign.described import Asked
+
+    if arguments.pictures is not None or arguments.live:
+        raise CalibrationError("fisheye: give pictures or --from a calibration, not both")
+    asked = Asked(
+        model=arguments.model,
+        size_px=None if arguments.size is None else _size(arguments.size),
+        max_angle_rad=math.radians(arguments.max_angle),
+        camera=arguments.camera,
+    )
+    outcome, camera, reach = foreign(arguments.source, arguments.work, asked)
+    report = arguments.report or arguments.work / "fisheye.html"
+    report.write_text(import_report(outcome, camera, reach), encoding="utf-8")
+    return _show(replace(outcome, written=(*outcome.written, report)), as_json=arguments.json)
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.lower().replace("×", "x").partition("x")
+    if not (width.isdecimal() and height.isdecimal() and len(text) < 16):
+        raise CalibrationError(f"--size {text}: give width and height in px, as 1920x1080")
+    return int(width), int(height)
 
 
 def _live(arguments: argparse.Namespace) -> Path:

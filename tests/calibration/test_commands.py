@@ -13,12 +13,8 @@ from ptzd.app.studio import Board, Studio, samples, tilted
 from ptzd.calibration.detect import charuco_board
 from ptzd.calibration.file import load_provenance, load_rig
 from ptzd.calibration.lens import UNIFIED, WIDE_RAD
-from ptzd.calibration.readers import read_foreign
 from ptzd.calibration.target import Target, TargetKind
 from ptzd.cli import entry
-from ptzd.errors import CalibrationError
-from ptzd.geometry.kannala_brandt import KannalaBrandtCamera
-from ptzd.geometry.unified import UnifiedCamera
 
 TARGET = Target(columns=8, rows=6, pitch_m=0.03)
 LENS = np.array([180.0, 180.0, 159.5, 119.5, 1.0, 0.0, 0.0, 0.0, 0.0])
@@ -56,6 +52,8 @@ def test_fisheye_writes_part_and_self_contained_report(pictures, tmp_path, capsy
     page = (tmp_path / "fisheye.html").read_text()
     assert "data:image/jpeg;base64" in page
     assert "<svg" in page
+    assert "rays reach" in page
+    assert 0.0 < told["rays_share"] <= 1.0
     assert "http" not in page.replace("http://www.w3.org", "")
     assert (tmp_path / "fisheye.part.yaml").is_file()
 
@@ -106,63 +104,6 @@ def test_no_folder_no_board_no_parts(tmp_path, capsys):
     assert code == 78
     assert "ptzd calibrate zoom" in text
     assert not (tmp_path / "rig.yaml").exists()
-
-
-KALIBR = """
-cam0:
-  camera_model: omni
-  distortion_model: radtan
-  intrinsics: [1.2, 300.0, 301.0, 320.0, 240.0]
-  distortion_coeffs: [-0.1, 0.01, 0.001, -0.001]
-  resolution: [640, 480]
-"""
-ROS = """
-image_width: 640
-image_height: 480
-camera_name: front
-distortion_model: equidistant
-camera_matrix: {rows: 3, cols: 3, data: [200.0, 0, 320.0, 0, 201.0, 240.0, 0, 0, 1]}
-distortion_coefficients: {rows: 1, cols: 4, data: [0.01, -0.002, 0.0, 0.0]}
-"""
-OPENCV = """%YAML:1.0
----
-image_width: 640
-image_height: 480
-camera_matrix: !!opencv-matrix
-   rows: 3
-   cols: 3
-   dt: d
-   data: [ 300., 0., 320., 0., 301., 240., 0., 0., 1. ]
-distortion_coefficients: !!opencv-matrix
-   rows: 1
-   cols: 4
-   dt: d
-   data: [ -0.1, 0.01, 0.001, -0.001 ]
-xi: 1.2
-"""
-
-
-@pytest.mark.parametrize(
-    ("text", "kind", "fy"),
-    [(KALIBR, UnifiedCamera, 301.0), (ROS, KannalaBrandtCamera, 201.0), (OPENCV, UnifiedCamera, 301.0)],
-    ids=["kalibr", "ros", "opencv"],
-)
-def test_other_tools_files_are_read(tmp_path, text, kind, fy):
-    path = tmp_path / "camera.yaml"
-    path.write_text(text)
-    camera = read_foreign(path)
-    assert isinstance(camera, kind)
-    assert camera.fy == fy
-
-
-def test_models_without_a_counterpart_are_refused(tmp_path):
-    path = tmp_path / "camera.yaml"
-    path.write_text(KALIBR.replace("omni", "ds"))
-    with pytest.raises(CalibrationError, match="no counterpart"):
-        read_foreign(path)
-    path.write_text("a: 1")
-    with pytest.raises(CalibrationError, match="neither"):
-        read_foreign(path)
 
 
 def test_boards_before_a_simulated_rig_give_its_rig_yaml(tmp_path):

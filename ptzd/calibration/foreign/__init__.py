@@ -1,0 +1,1 @@
+"""Calibrations of other tools: their files as plain values, each number accounted for, and the lens they describe."""
