@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from ptzd.calibration.file import load_rig
 from ptzd.config import Limits, Search
 from ptzd.control.admission import check_box
-from ptzd.control.decision import Decision, Thresholds, Verdict, decide, direction_sigma_rad
-from ptzd.control.scan import ScanPlan, plan_views
+from ptzd.control.planning.decision import Decision, Thresholds, Verdict, decide, direction_sigma_rad
+from ptzd.control.planning.views import ScanPlan, plan_views
 from ptzd.control.wording import range_in_words, scaled
 from ptzd.errors import DeviceGarbled, PtzdError, RequestRefused
 from ptzd.geometry.arc import EpipolarArc

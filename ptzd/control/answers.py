@@ -39,11 +39,6 @@ class Answers:
         if self.work.answers_head(Awaited.GRAB, event.grab_id) and self.memory.holder is not None:
             self.authority.apply(self.memory.holder.activity.on_picture(self.work, event.view))
 
-    def on_grab_failed(self, event: ev.GrabFailed) -> None:
-        """No usable picture."""
-        if self.work.answers_head(Awaited.GRAB, event.grab_id):
-            self._failed(Awaited.GRAB, event.reason)
-
     def on_match(self, event: ev.MatchFinished) -> None:
         """A matcher's answer."""
         answered = self.work.answers_match(event.match_id)

@@ -27,7 +27,7 @@ class StopHead(Command):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GrabView(Command):
-    """Take one picture exposed at rest at or after ``not_before_ns``; answered by ViewTaken or GrabFailed."""
+    """Take one picture exposed at rest at or after ``not_before_ns``; answered by ViewTaken, or its time runs out."""
 
     grab_id: int
     not_before_ns: int

@@ -186,14 +186,6 @@ class ViewTaken(Event):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GrabFailed(Event):
-    """No usable picture came."""
-
-    grab_id: int
-    reason: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class MatchFinished(Event):
     """A matcher's answer for one view."""
 

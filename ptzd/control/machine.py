@@ -60,7 +60,6 @@ class Machine:
             ev.HeadStalled: answers.on_stalled,
             ev.HeadStopped: operator.on_stopped,
             ev.ViewTaken: answers.on_view,
-            ev.GrabFailed: answers.on_grab_failed,
             ev.MatchFinished: answers.on_match,
             ev.MatchFailed: answers.on_match_failed,
             ev.DeadlinePassed: answers.on_deadline,

@@ -67,7 +67,6 @@ def _table() -> Table:
         ev.HeadArrived,
         ev.HeadStalled,
         ev.ViewTaken,
-        ev.GrabFailed,
         ev.MatchFinished,
         ev.MatchFailed,
         ev.SettingsChanged,
@@ -96,12 +95,12 @@ def _table() -> Table:
         table[state, ev.HeadStopped] = frozenset({state} if state in WORKING else {state, State.SCAN})
         table[state, ev.RequestReceived] = dropped | {State.SCAN}
     scan_ends = _NEXT_REQUEST | {State.SCAN, State.MATCH, State.LOCK}
-    for event in (ev.HeadStalled, ev.ViewTaken, ev.GrabFailed, ev.MatchFinished, ev.MatchFailed, ev.DeadlinePassed):
+    for event in (ev.HeadStalled, ev.ViewTaken, ev.MatchFinished, ev.MatchFailed, ev.DeadlinePassed):
         table[State.SCAN, event] = scan_ends
     table[State.SCAN, ev.HeadArrived] = frozenset({State.SCAN})
     for closing in (ev.MatchFinished, ev.MatchFailed, ev.DeadlinePassed):
         table[State.MATCH, closing] = scan_ends
-    for event in (ev.HeadStalled, ev.ViewTaken, ev.GrabFailed, ev.MatchFinished, ev.MatchFailed, ev.DeadlinePassed):
+    for event in (ev.HeadStalled, ev.ViewTaken, ev.MatchFinished, ev.MatchFailed, ev.DeadlinePassed):
         table[State.LOCK, event] = _NEXT_REQUEST | {State.LOCK}
     table[State.LOCK, ev.UpdateReceived] = _NEXT_REQUEST | {State.LOCK}
     table[State.IDLE, ev.DeadlinePassed] = frozenset({State.IDLE, State.HOME, State.SCAN})
@@ -147,7 +146,6 @@ _SPOKEN = {
     ev.HeadArrived: "arrived",
     ev.HeadStalled: "view",
     ev.ViewTaken: "view",
-    ev.GrabFailed: "view",
     ev.MatchFinished: "match",
     ev.MatchFailed: "match",
     ev.DeadlinePassed: "deadline",

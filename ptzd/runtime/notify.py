@@ -88,10 +88,6 @@ class Notifier:
         self._status = status
         self._send(STOPPING="1", STATUS=status)
 
-    def extend_timeout(self, seconds: float) -> None:
-        """Ask for more time to start or stop, counted from now, e.g. while a torn log is repaired."""
-        self._send(EXTEND_TIMEOUT_USEC=str(round(seconds * 1e6)))
-
     def _send(self, **fields: str) -> None:
         if self._socket is None:
             return

@@ -4,7 +4,7 @@
     python -m tests.bench.accuracy --scene warehouse --matchers sweep --json HELD_OUT.json
     python -m tests.bench.fit RECORDS.json [--test HELD_OUT.json]
 
-Prints the coefficients for ``ptzd/control/decision.py`` and how well they tell right (within 1°) from wrong.
+Prints the coefficients for ``ptzd/control/planning/decision.py`` and how well they tell right (within 1°) from wrong.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import expit
 
-from ptzd.control.decision import CHANCE_LEAD, CHANCE_SCORE
+from ptzd.control.planning.decision import CHANCE_LEAD, CHANCE_SCORE
 
 PENALTY = 0.02
 """On squared coefficients, so that separable data give finite ones; more evidence must not count against an answer."""
 
 
 def features(rows: list[dict]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Design matrix as in `ptzd.control.decision.Model`, leads over the rivals, and whether the answer was right."""
+    """Design matrix as in `planning.decision.Model`, leads over the rivals, and whether the answer was right."""
     design, lead, right = [], [], []
     for row in rows:
         if row.get("score") is None or row.get("sigma_deg") is None or row["texture"] < 1.0:

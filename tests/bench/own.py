@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from ptzd.control.decision import Thresholds, Verdict, decide, direction_sigma_rad
+from ptzd.control.planning.decision import Thresholds, Verdict, decide, direction_sigma_rad
 from ptzd.geometry.sphere import bearing
 from ptzd.geometry.types import pixel_angle_rad
 from ptzd.matching.job import MatchInputs, match

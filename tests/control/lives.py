@@ -43,7 +43,6 @@ def plain(kind: type[ev.Event], t_ns: int) -> ev.Event:
         ev.HeadArrived: {"move_id": STALE, "reading": HOME},
         ev.HeadStalled: {"move_id": STALE, "reading": HOME, "reason": "blocked"},
         ev.ViewTaken: {"grab_id": STALE, "view": ViewRef(frame=frame, reading=HOME, sigma_deg=0.01)},
-        ev.GrabFailed: {"grab_id": STALE, "reason": "dark"},
         ev.MatchFailed: {"match_id": STALE, "reason": "broken"},
     }
     if kind is ev.MatchFinished:
@@ -166,7 +165,7 @@ class Life:
         if isinstance(head, cmd.MoveHead):
             self.tell(ev.HeadStalled(t_ns=self.t_ns, move_id=head.move_id, reading=HOME, reason="blocked"))
         elif isinstance(head, cmd.GrabView):
-            self.tell(ev.GrabFailed(t_ns=self.t_ns, grab_id=head.grab_id, reason="dark"))
+            self._deadline()
 
     def _match_answers(self) -> None:
         self.t_ns += SECOND_NS // 50
@@ -181,7 +180,7 @@ class Life:
 
     def _late_answer(self) -> None:
         """An answer to something long forgotten."""
-        kind = self.pick([ev.HeadArrived, ev.HeadStalled, ev.GrabFailed, ev.MatchFailed, ev.ViewTaken])
+        kind = self.pick([ev.HeadArrived, ev.HeadStalled, ev.MatchFailed, ev.ViewTaken])
         self.tell(plain(kind, self.t_ns))
 
     def _polled(self) -> None:

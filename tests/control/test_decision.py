@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ptzd.control.decision import MODELS, Thresholds, Verdict, decide, direction_sigma_rad
+from ptzd.control.planning.decision import MODELS, Thresholds, Verdict, decide, direction_sigma_rad
 from ptzd.model import Candidate, Matcher, MatchResult
 
 BOX = ((0.0, 0.0), (9.0, 0.0), (9.0, 9.0), (0.0, 9.0))

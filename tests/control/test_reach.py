@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ptzd.control import commands as cmd
-from ptzd.control.scan import plan_views
+from ptzd.control.planning.views import plan_views
 from ptzd.geometry.arc import EpipolarArc
 from ptzd.model import Box, HeadLimits, HeadReading, Outcome
 

@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from ptzd.calibration.file import load_rig
-from ptzd.control.decision import Decision, Thresholds, Verdict, decide, direction_sigma_rad
+from ptzd.control.planning.decision import Decision, Thresholds, Verdict, decide, direction_sigma_rad
 from ptzd.geometry.sphere import angle_between, bearing
 from ptzd.geometry.types import pixel_angle_rad
 from ptzd.matching.job import MatchInputs, match

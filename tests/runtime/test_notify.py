@@ -38,7 +38,6 @@ def told(manager):
 
 def test_the_life_of_a_service(manager, told):
     with Notifier(manager.environ) as notifier:
-        notifier.extend_timeout(2.5)
         notifier.reloading()
         notifier.reloaded("before it was ready nobody waits for that")
         notifier.ready("idle")
@@ -47,7 +46,6 @@ def test_the_life_of_a_service(manager, told):
         notifier.reloading()
         notifier.reloaded("settings read again")
         notifier.stopping("stopping the head")
-    assert told() == {"EXTEND_TIMEOUT_USEC": "2500000"}
     assert told() == {"READY": "1", "STATUS": "idle"}
     assert told() == {"STATUS": "locked on gate-3"}
     assert told() == {"WATCHDOG": "1"}

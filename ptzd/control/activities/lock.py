@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from ptzd.control.activities.activity import Activity, Failure, Over, Step, out_of_time
-from ptzd.control.decision import Thresholds, Verdict, decide, direction_sigma_rad
+from ptzd.control.planning.decision import Thresholds, Verdict, decide, direction_sigma_rad
 from ptzd.control.planning.neighbourhood import arc_of, band_rad, neighbourhood
 from ptzd.control.planning.reach import nearest, well_inside
 from ptzd.control.planning.zoom import SAFE_SHARE, zoom_wanted

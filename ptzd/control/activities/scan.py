@@ -8,10 +8,10 @@ from msgspec import Struct, field
 
 from ptzd.control.activities.activity import Activity, Failure, Next, Over, Step, out_of_time
 from ptzd.control.activities.lock import Lock
-from ptzd.control.decision import Decision, Thresholds, Verdict, decide
+from ptzd.control.planning.decision import Decision, Thresholds, Verdict, decide
 from ptzd.control.planning.neighbourhood import band_rad, neighbourhood
+from ptzd.control.planning.views import ScanPlan, plan_views
 from ptzd.control.requests import Request, Task
-from ptzd.control.scan import ScanPlan, plan_views
 from ptzd.control.states import State
 from ptzd.control.work import Awaited, Work
 from ptzd.model import HeadReading, MatchResult, Outcome, ViewRef

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from ptzd.control.scan import MAX_MARGIN_SHARE, plan_views
+from ptzd.control.planning.views import MAX_MARGIN_SHARE, plan_views
 from ptzd.errors import CalibrationError, GeometryError
 from ptzd.geometry.arc import EpipolarArc
 from ptzd.geometry.head import Axis, HeadModel
