@@ -63,9 +63,10 @@ class Authority:
             return
         if isinstance(holder.activity, Stop):
             self.desk.answer_stops(holder.activity.take_tokens(), over.reason)
-        elif holder.task is not None:
+        elif not isinstance(holder.activity, Home):
             self.work.abandon()
-            self.desk.end_served(holder, over)
+            if holder.task is not None:
+                self.desk.end_served(holder, over)
             self.plan_homing()
         if over.stop:
             self.stop()
@@ -126,9 +127,9 @@ class Authority:
             self._begin(Claim(owner="home", rank=Rank.HOME, activity=Home()))
 
     def _next(self) -> Claim | None:
-        """What begins now: the first that waits for nothing but its turn, when no request and no stop has the head."""
+        """What begins now: the first that waits for its turn alone, when nothing but the way home has the head."""
         memory = self.memory
-        taken = memory.holder is not None and memory.holder.rank >= Rank.REQUEST
+        taken = memory.holder is not None and memory.holder.rank > Rank.HOME
         if taken or not memory.serving or memory.stopping or self.work.head.held:
             return None
         return next((claim for claim in memory.claims if claim.from_ns is None), None)
