@@ -1,4 +1,4 @@
-.PHONY: install test check matrix format demo figures bench-accuracy bench-replay opencv golden soak scenes deb rig-vm clean
+.PHONY: install test check matrix format demo figures bench-accuracy bench-replay bench-load life opencv golden soak scenes deb rig-vm clean
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -42,6 +42,14 @@ bench-accuracy: install
 # The golden logs under other versions of OpenCV: make opencv VERSIONS="4.10 4.13"
 opencv: install
 	$(BIN)/python -m tests.bench.opencv $(VERSIONS)
+
+# How fast a stop is under floods of requests, wildcards and stalled listeners
+bench-load: install
+	$(BIN)/python -m tests.bench.load
+
+# A rig that lives at random with every fault: make life MINUTES=60
+life: install
+	$(BIN)/python -m tests.bench.life $(or $(MINUTES),60)
 
 bench-replay: install
 	$(BIN)/python -m tests.bench.replay

@@ -26,6 +26,9 @@ DEFAULTS: dict[str, object] = {
     "transport/link/rx/max_message_size": 16 << 20,
     # A stalled subscriber of pictures holds the sender up for this long, in us (measured; the default is 50 ms).
     "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments": 5000,
+    # Connections that have said nothing: with Zenoh's own 100 for 10 s, as many silent ones lock all others out.
+    "transport/unicast/accept_pending": 1000,
+    "transport/unicast/accept_timeout": 2000,
     "low_pass_filter": [
         {
             "id": "roi",

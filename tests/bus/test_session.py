@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import socket
 from pathlib import Path
 
 import pytest
@@ -72,3 +73,21 @@ def test_shipped_tls_file_denies_by_default_and_keeps_the_limits():
     assert json.loads(config.get_json("transport/link/tls/enable_mtls")) is True
     for key in DEFAULTS:
         assert json.loads(config.get_json(key)) == json.loads(daemon_config(BusSettings()).get_json(key)), key
+
+
+async def test_silent_connections_lock_nobody_out(endpoint: str):
+    """A client gets in while more of them than Zenoh's own bound are still open."""
+    session = await open_session(daemon_config(BusSettings(listen=(endpoint,))), "bus")
+    host, _, port = endpoint.removeprefix("tcp/").rpartition(":")
+    silent = [socket.create_connection((host, int(port))) for _ in range(150)]
+    try:
+        client = await open_session(client_config([endpoint], None), "bus")
+        for connection in silent:
+            connection.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            silent[-1].recv(1)
+        await close_session(client)
+    finally:
+        for connection in silent:
+            connection.close()
+        await close_session(session)
