@@ -114,7 +114,10 @@ async def _step(head: VapixHead, target: HeadReading) -> tuple[list[tuple[int, H
     finally:
         for follower in followers:
             follower.cancel()
-        await asyncio.gather(*followers, return_exceptions=True)
+        ends = await asyncio.gather(*followers, return_exceptions=True)
+    for end in ends:
+        if isinstance(end, Exception):
+            raise end  # a stream that was lost is no scene without texture
     return reports, pictures
 
 

@@ -106,7 +106,8 @@ def is_moving(text: str, channel: str) -> bool | None:
     notification = _at(message, "params", "notification")
     topic = _at(notification, "topic")
     value = _at(notification, "message", "data", "is_moving")
-    if not isinstance(topic, str) or not topic.endswith(f"Move/{channel}") or value not in {"0", "1"}:
+    # a tuple: what JSON holds need not be hashable
+    if not isinstance(topic, str) or not topic.endswith(f"Move/{channel}") or value not in ("0", "1"):
         return None
     return value == "1"
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from ptzd.config import Limits, Ptz
 from ptzd.devices.vapix.head import VapixHead
 from ptzd.devices.vapix.timing import measure_timing, progress_of_reports, step_offset_s
-from ptzd.errors import DeviceGarbled
+from ptzd.errors import DeviceGarbled, DeviceLost
 from ptzd.model import HeadReading
 from ptzd.runtime.clock import SteadyClock
 from ptzd.sim.rig import SimRig
@@ -73,3 +73,16 @@ async def test_the_delay_of_a_camera_is_measured(described):
 async def test_a_camera_that_shows_nothing_is_said_so(head):
     with pytest.raises(DeviceGarbled, match="point the camera at something with texture"):
         await measure_timing(head, HeadReading(pan_deg=5, tilt_deg=0, zoom=1), steps=1)
+
+
+async def test_a_stream_that_is_lost_meanwhile_is_named_and_not_the_scene(described, monkeypatch):
+    _, head = described
+
+    async def lost():
+        raise DeviceLost("http://camera/video: the stream ended")
+        yield
+
+    monkeypatch.setattr(head, "pictures", lost)
+    start = (await anext(head.polls())).reading
+    with pytest.raises(DeviceLost, match="the stream ended"):
+        await measure_timing(head, start, steps=2)

@@ -19,7 +19,7 @@ DATA = Path(__file__).parents[2] / "data" / "axis_http"
 TOPIC = "tns1:PTZController/tnsaxis:Move/Channel_1"
 
 
-def told(value: str, topic: str = TOPIC) -> str:
+def told(value: object, topic: str = TOPIC) -> str:
     notification = {"timestamp": 1, "topic": topic, "message": {"source": {}, "key": {}, "data": {"is_moving": value}}}
     return json.dumps({"apiVersion": "1.0", "method": "events:notify", "params": {"notification": notification}})
 
@@ -31,6 +31,17 @@ def test_what_the_camera_says_of_its_motion():
     assert is_moving(told("maybe"), "Channel_1") is None
     assert is_moving(told("1", "tns1:PTZController/tnsaxis:PTZPresets/Channel_1"), "Channel_1") is None
     assert is_moving('{"apiVersion":"1.0","method":"events:configure","data":{}}', "Channel_1") is None
+
+
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.integers() | st.text(),
+        lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
+    )
+)
+def test_a_value_of_any_kind_is_no_word_on_motion_or_one(value):
+    assert is_moving(told(value), "Channel_1") in {None, True, False}
+    assert is_moving(told([value]), "Channel_1") is None
 
 
 def test_a_refused_subscription_and_other_formats_are_named():
