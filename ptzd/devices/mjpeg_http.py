@@ -43,7 +43,7 @@ async def read_mjpeg(
     parser: MultipartParser | None = None
     try:
         async with asyncio.timeout(stall_s) as patience, client.stream(request, stall_s) as response:
-            refuse_compressed(response.headers.get("Content-Encoding", ""), client.origin + request.name)
+            refuse_compressed(response.headers.get("Content-Encoding", ""))
             parser = MultipartParser(boundary_of(response.headers.get("Content-Type", "")))
             async for chunk in response.content.iter_any():
                 # what came faster than it is read is there at once: without a pause the loop would see nothing else
@@ -59,10 +59,10 @@ async def read_mjpeg(
         raise DeviceLost(f"{client.origin}{request.name}: no complete picture for {stall_s:g} s; {seen}") from None
 
 
-def refuse_compressed(encoding: str, name: str) -> None:
+def refuse_compressed(encoding: str) -> None:
     """Raise DeviceGarbled for a body that is packed: it would be unpacked late and without a bound."""
     if encoding.strip().lower() not in {"", "identity"}:
         raise DeviceGarbled(
-            f"{name}: the stream is sent with Content-Encoding {encoding!r}; switch compression off in the server or "
+            f"the stream is sent with Content-Encoding {encoding!r}; switch compression off in the server or "
             "proxy that does so, JPEG is compressed already"
         )

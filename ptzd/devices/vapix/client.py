@@ -180,7 +180,7 @@ class CameraClient:
                     continue
                 self._auth.accepted(attempt)
                 if response.status in _REDIRECTS:
-                    url = self._redirected(url, response)
+                    url = self._redirected(url, response, request)
                     continue
                 self._check_status(response, request)
                 yield response, sent_ns
@@ -219,19 +219,29 @@ class CameraClient:
             place = request.path if self._auth.trusted else ""
             raise self._remember(place, RefusedAccess(self._refusal(request, str(error)))) from None
 
-    def _redirected(self, url: URL, response: aiohttp.ClientResponse) -> URL:
+    def _redirected(self, url: URL, response: aiohttp.ClientResponse, request: Request[T]) -> URL:
+        """Where to ask next; elsewhere is refused with what the setting would be: the page too if it names one."""
         location = response.headers.get("Location", "")
         try:
             target = url.join(URL(location))
             elsewhere = target.origin() != self._base.origin()
         except ValueError:
-            shown = location.encode("ascii", "backslashreplace").decode()
+            shown = _without_secrets(location).encode("ascii", "backslashreplace").decode()
             raise DeviceGarbled(f"redirects to {shown!r}, which is no address; correct it in the camera") from None
         if elsewhere:
-            raise DeviceRefused(
-                f"redirects to {target.origin()}; if that is right, set it as {self._address.setting}.url"
-            )
+            page_is_set = request.path == self._base.raw_path_qs
+            advised = self._shown_page(target) if page_is_set else str(target.origin())
+            raise DeviceRefused(f"redirects to {advised}; if that is right, set it as {self._address.setting}.url")
         return target
+
+    def _shown_page(self, target: URL) -> str:
+        """A page for messages: its query may be secret and is told by where it is to be had."""
+        shown = _without_secrets(str(target.with_user(None)))
+        if not target.raw_query_string:
+            return shown
+        if target.raw_query_string == self._base.raw_query_string:
+            return f"{shown} with the query that {self._address.setting}.url has"
+        return f"{shown} with another query, which may be secret and is not shown (curl -I tells it)"
 
     def _check_status(self, response: aiohttp.ClientResponse, request: Request[T]) -> None:
         status = response.status
@@ -260,6 +270,13 @@ async def _limited_body(response: aiohttp.ClientResponse) -> bytes:
         if len(body) > MAX_ANSWER_BYTES:
             raise DeviceGarbled(f"answer is longer than {MAX_ANSWER_BYTES} bytes")
     return bytes(body)
+
+
+def _without_secrets(location: str) -> str:
+    """An address, valid or not, without query, fragment, user and password."""
+    place = location.partition("?")[0].partition("#")[0]
+    scheme, slashes, rest = place.partition("//") if "//" in place else ("", "", place)
+    return scheme + slashes + rest.rpartition("@")[2]
 
 
 def _text(body: bytes) -> str:

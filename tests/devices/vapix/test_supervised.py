@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 
 import pytest
 from hypothesis import given
@@ -81,6 +82,53 @@ async def test_a_camera_that_is_right_again_is_back(speaking, password_file, odd
         pictures = source.pictures()
         assert (await anext(pictures)).jpeg in [picture(n) for n in range(40)]
         await pictures.aclose()
+
+
+async def test_a_stream_that_moved_is_found_under_the_address_that_is_advised(speaking, password_file):
+    there = await speaking(GOOD)
+    moved = f"HTTP/1.1 301 M\r\nLocation: http://127.0.0.1:{there}/live/s\r\nContent-Length: 0\r\n\r\n"
+    async with fisheye(await speaking(moved.encode()), password_file) as source, asyncio.timeout(20):
+        with pytest.raises(DeviceError) as told:
+            await anext(source.pictures())
+    found = re.search(r"redirects to (\S+); if that is right, set it as fisheye\.url", str(told.value))
+    assert found is not None
+    assert found[1] == f"http://127.0.0.1:{there}/live/s"
+    settings = HttpSource(url=found[1], user="u", password_file=str(password_file), stall_s=30.0)
+    async with HttpFisheye(settings, Clock(), jitter=lambda: 0.0) as source, asyncio.timeout(20):
+        pictures = source.pictures()
+        assert (await anext(pictures)).jpeg in [picture(n) for n in range(40)]
+        await pictures.aclose()
+
+
+@pytest.mark.parametrize(
+    ("location", "told"),
+    [
+        ("http://127.0.0.1:1/new?u=me&word=hush", "redirects to http://127.0.0.1:1/new with another query"),
+        (
+            "http://127.0.0.1:1/new?word=hush&a=b",
+            "redirects to http://127.0.0.1:1/new with the query that fisheye.url has",
+        ),
+        ("http://me:hush@127.0.0.1:1/new", "redirects to http://127.0.0.1:1/new; if"),
+        ("http://me:hush@127.0.0.1:80new", "redirects to 'http://127.0.0.1:80new', which is no address"),
+        ("http://me:hush@127.0.0.1:80new//deep", "redirects to 'http://127.0.0.1:80new//deep', which is no address"),
+        ("http://127.0.0.1:80new?word=hush", "redirects to 'http://127.0.0.1:80new', which is no address"),
+    ],
+)
+async def test_a_redirect_is_told_without_its_secrets(speaking, password_file, location, told):
+    port = await speaking(f"HTTP/1.1 302 F\r\nLocation: {location}\r\nContent-Length: 0\r\n\r\n".encode())
+    settings = HttpSource(url=f"http://127.0.0.1:{port}/s?word=hush&a=b", stall_s=30.0)
+    async with HttpFisheye(settings, Clock(), jitter=lambda: 0.0) as source, asyncio.timeout(20):
+        with pytest.raises(DeviceError, match=re.escape(told)) as error:
+            await anext(source.pictures())
+    assert "hush" not in str(error.value)
+
+
+async def test_a_packed_stream_is_refused_with_one_address(speaking, password_file):
+    port = await speaking(ODD[6])
+    async with fisheye(port, password_file) as source, asyncio.timeout(20):
+        with pytest.raises(DeviceGarbled, match="Content-Encoding") as told:
+            await anext(source.pictures())
+    assert str(told.value).count("127.0.0.1") == 1
 
 
 @given(st.lists(st.text(max_size=60), max_size=3))
