@@ -8,14 +8,35 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ptzd.calibration.foreign import chains, matrices
-from ptzd.calibration.foreign.described import Asked, Described, camera_of
+from ptzd.calibration.foreign import chains, matrices, rigs, tables
+from ptzd.calibration.foreign.described import Asked, Described, camera_of, chosen
 from ptzd.calibration.foreign.fields import Fields
 from ptzd.calibration.foreign.text import plain_values, read_source
 from ptzd.errors import CalibrationError, GeometryError
 from ptzd.geometry.types import CameraModel
 
 _CAMERA = re.compile(r"cam(era)?_?\d+")
+_REFUSED = (
+    (("ptzd_calibration", "ptzd_part"), "is a calibration of ptzd already; use it as it is"),
+    (
+        ("MappingCoefficients", "mapping_coefficients"),
+        "a fisheye of MATLAB, whose polynomial has no counterpart here; calibrate the same pictures with "
+        "`ptzd calibrate fisheye PICTURES`, or with estimateCameraParametersKB or OpenCV",
+    ),
+    (
+        ("cameras", "Calibration", "sensors", "CalibrationInformation", "cameraData"),
+        "a list of cameras in a form that is not read here (maplab, OpenSfM, calib.io, DepthAI …); copy the fisheye's "
+        "numbers into a file as OpenCV writes it: image_width, image_height, camera_matrix, distortion_coefficients, "
+        "and fisheye_model: 1 where it is one",
+    ),
+)
+_READERS: tuple[tuple[str, Callable[[Fields], Described]], ...] = (
+    ("model_type", chains.camodocal),
+    ("RadialDistortion", rigs.matlab),
+    ("ppx", rigs.realsense),
+    ("fl_x", rigs.nerfstudio),
+    ("intrinsics", chains.intrinsics),
+)
 _PAIR = re.compile(r"(?i)(camera_?matrix|k|m|mtx|camera_matrix|intrinsics?)_?(0|1|2|l|r|left|right)")
 
 
@@ -37,7 +58,8 @@ def read_foreign(path: Path, asked: Asked = Asked()) -> Foreign:  # noqa: B008  
     ----------
     path : Path
         YAML, JSON or XML of OpenCV (also with xi), a camera_info of ROS (file, `ros2 topic echo`), Kalibr's camchain,
-        EuRoC's sensor.yaml, camodocal's (VINS, KITTI-360), VOXL's.
+        EuRoC's sensor.yaml, camodocal's (VINS, KITTI-360), VOXL's, Basalt's, ORB-SLAM's, nerfstudio's, RealSense's,
+        MATLAB's toStruct; COLMAP's cameras.txt and Bouguet's Calib_Results.m.
     asked : Asked
         The model, the size and the camera where the file leaves them open, and the edge of the image circle.
 
@@ -55,13 +77,23 @@ def read_foreign(path: Path, asked: Asked = Asked()) -> Foreign:  # noqa: B008  
 
 
 def _lens(path: Path, camera: str | None) -> tuple[str | None, Described]:
-    values = plain_values(read_source(path))
+    """Name and lens of the camera that is meant."""
+    text = read_source(path)
+    found = tables.table(text, camera)
+    if found is not None:
+        return found
+    values = plain_values(text)
+    if isinstance(values.get("value0"), dict):
+        return rigs.basalt(values, camera)
+    found = rigs.orb(values, camera)
+    if found is not None:
+        return found
     several = {key: value for key, value in values.items() if _CAMERA.fullmatch(key) and isinstance(value, dict)}
     if several:
-        name = _chosen(list(several), camera)
-        one = Fields(several[name], name)
-        described = chains.intrinsics(one)
-        one.finish()
+        name = chosen(list(several), camera)
+        fields = Fields(several[name], name)
+        described = chains.intrinsics(fields)
+        fields.finish()
         return name, described
     fields = Fields(values)
     own = fields.find("camera_name", "name")
@@ -76,12 +108,12 @@ def _lens(path: Path, camera: str | None) -> tuple[str | None, Described]:
 
 def _reader(values: Mapping[str, Any]) -> Callable[[Fields], Described]:
     """Whose file it is, by the names in it."""
-    if "ptzd_calibration" in values or "ptzd_part" in values:
-        raise CalibrationError("is a calibration of ptzd already; use it as it is")
-    if "model_type" in values:
-        return chains.camodocal
-    if "intrinsics" in values and "camera_model" in values:
-        return chains.intrinsics
+    for names, words in _REFUSED:
+        if any(name in values for name in names):
+            raise CalibrationError(words)
+    for name, reader in _READERS:
+        if name in values:
+            return reader
     if any(key in values for key in matrices.MATRIX):
         return matrices.described
     pair = next((key for key in values if _PAIR.fullmatch(key)), None)
@@ -94,14 +126,3 @@ def _reader(values: Mapping[str, Any]) -> Callable[[Fields], Described]:
         "not a calibration that is known here: none of camera_matrix, K (OpenCV, ROS), cam0, intrinsics (Kalibr, "
         "EuRoC), model_type (camodocal) is in it"
     )
-
-
-def _chosen(names: list[str], camera: str | None) -> str:
-    listed = ", ".join(names)
-    if camera is None:
-        if len(names) > 1:
-            raise CalibrationError(f"holds {len(names)} cameras ({listed}); name the fisheye's with --camera")
-        return names[0]
-    if camera not in names:
-        raise CalibrationError(f"--camera {camera}: not in the file, which holds {listed}")
-    return camera

@@ -27,6 +27,8 @@ _OFF_CENTRE = 0.15
 """Share of the picture's side; lenses sit within a few percent, another resolution or a crop is farther off."""
 _FOCAL = (0.02, 100.0)
 """Focal length at the centre by the longer side: from beyond a half sphere in a tenth of the picture to a telescope."""
+_LARGEST_XI = 20.0
+"""As for rig.yaml."""
 _LEAST_REACH_RAD = math.radians(5.0)
 _GUARD_RAD = 1e-6
 
@@ -162,6 +164,8 @@ def _listed(counts: tuple[int, ...]) -> str:
 
 
 def _check_focal(lens: Described, size_px: tuple[int, int]) -> None:
+    if not 0.0 <= lens.xi <= _LARGEST_XI:
+        raise CalibrationError(f"xi: {lens.xi:g}: the mirror parameter must be 0 to {_LARGEST_XI:g}")
     for name, value in (("fx", lens.fx), ("fy", lens.fy)):
         low, high = (share * max(size_px) for share in _FOCAL)
         central = value / (1.0 + lens.xi)
@@ -183,3 +187,15 @@ def _check_centre(lens: Described, size_px: tuple[int, int]) -> None:
         f"matrix of another resolution (about {2 * lens.cx:.0f}×{2 * lens.cy:.0f} px), of a crop, or are the sides "
         f"swapped? If the file is right, say so with --size {width}x{height}"
     )
+
+
+def chosen(names: list[str], camera: str | None) -> str:
+    """The name of the camera that is meant in a file of several; CalibrationError when nobody says which."""
+    listed = ", ".join(names)
+    if camera is None:
+        if len(names) > 1:
+            raise CalibrationError(f"holds {len(names)} cameras ({listed}); name the fisheye's with --camera")
+        return names[0]
+    if camera not in names:
+        raise CalibrationError(f"--camera {camera}: not in the file, which holds {listed}")
+    return camera

@@ -115,7 +115,7 @@ def number(value: object, path: str) -> float:
     """A finite number of a plausible size."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise CalibrationError(f"{path}: {_short(value)} is no number")
-    if not math.isfinite(value) or abs(value) > LARGEST:
+    if not abs(value) <= LARGEST:  # neither is NaN
         raise CalibrationError(f"{path}: {_short(value)} cannot be of a lens")
     return float(value)
 
@@ -128,18 +128,18 @@ def matrix(value: object, path: str) -> tuple[int, int, tuple[float, ...]]:
         data = _flat(value["data"], f"{path}.data")
         sides = value["sizes"] if "sizes" in value else [value.get("rows", 1), value.get("cols", len(data))]
         sides = [int(number(side, f"{path}.sizes")) for side in (sides if isinstance(sides, list) else [sides])]
-        if math.prod(sides) != len(data):
+        if min(sides, default=0) < 0 or math.prod(sides) != len(data):
             raise CalibrationError(f"{path}: {len(data)} numbers do not make {'×'.join(map(str, sides))}")
         rows, columns = (1, sides[0]) if len(sides) == 1 else (sides[0], math.prod(sides[1:]))
         return rows, columns, data
     if not isinstance(value, list):
         raise CalibrationError(f"{path}: {_short(value)} instead of a list of numbers")
     data = _flat(value, path)
-    lengths = {len(row) if isinstance(row, list) else 1 for row in value}
-    if len(lengths) > 1:
+    rows = [row if isinstance(row, list) else [row] for row in value]
+    if sum(map(len, rows)) != len(data) or len({len(row) for row in rows}) > 1:
         raise CalibrationError(f"{path}: rows of different lengths")
     if value and isinstance(value[0], list):
-        return len(value), len(data) // len(value), data
+        return len(rows), len(rows[0]), data
     return 1, len(data), data
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 from xml.etree import ElementTree
 
-from ptzd.documents import DocumentError, parse_yaml, read_text
+from ptzd.documents import DEEPEST, DocumentError, parse_yaml, read_text
 from ptzd.errors import CalibrationError
 
 _BINARY = (
@@ -86,6 +86,12 @@ def _json(text: str) -> object:
         raise CalibrationError(f"line {error.lineno}, column {error.colno}: not JSON: {error.msg}") from None
     except (ValueError, RecursionError):
         raise CalibrationError("not JSON that can be read: nested too deep, or a number of too many digits") from None
+    level, depth = [values], 0
+    while level:
+        inside = [list(item.values()) if isinstance(item, dict) else item for item in level]
+        level, depth = [item for items in inside if isinstance(items, list) for item in items], depth + 1
+        if depth > DEEPEST:
+            raise CalibrationError(f"nested deeper than {DEEPEST} levels")
     return values
 
 
@@ -134,8 +140,8 @@ def _children(element: ElementTree.Element, depth: int) -> dict[str, Any]:
 
 
 def _value(element: ElementTree.Element, depth: int) -> object:
-    if depth > 32:
-        raise CalibrationError("XML nested deeper than 32 levels")
+    if depth > DEEPEST:
+        raise CalibrationError(f"XML nested deeper than {DEEPEST} levels")
     if len(element) and all(child.tag == "_" for child in element):
         return [_value(child, depth + 1) for child in element]
     if len(element):
