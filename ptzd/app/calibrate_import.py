@@ -47,21 +47,25 @@ def foreign(path: Path, work: Path, asked: Asked) -> tuple[Outcome, CameraModel,
     chosen = "" if read.name is None else f", camera {read.name}"
     lines = (
         f"fisheye: {section['model']} {width}×{height} px read from {path} ({read.source}{chosen})",
-        f"  {reach.told()}, {_why_it_ends(read.camera, reach, asked)}",
+        *(f"  {line}" for line in _told(read.camera, reach, asked)),
     )
     return Outcome(lines=lines, document={**quality, "source": str(path)}, written=(written,)), read.camera, reach
 
 
-def _why_it_ends(camera: CameraModel, reach: Reach, asked: Asked) -> str:
-    """What ends the rays, and what to do where something can be done."""
+def _told(camera: CameraModel, reach: Reach, asked: Asked) -> list[str]:
+    """How far the rays reach, what ends them, and what to do where something can be done."""
     if reach.share == 1.0:
-        return "corners included"
+        return [reach.told()]
     if camera.limit_rad < asked.max_angle_rad or isinstance(camera, PerspectiveCamera):
-        return "where the model itself ends; beyond it its coefficients fold back"
+        return [reach.told("where the model's own coefficients end it")]
     assert isinstance(camera, UnifiedCamera | KannalaBrandtCamera)
-    given = f"where --max-angle {math.degrees(asked.max_angle_rad):g} ends them"
+    lines = [reach.told(f"where --max-angle {math.degrees(asked.max_angle_rad):g} ends them")]
     most = reach_of(replace(camera, max_angle_rad=_WIDEST_RAD))
-    if most.share <= reach.share:
-        return given
-    reaches = math.floor(math.degrees(most.angle_rad) * 10.0) / 10.0
-    return f"{given}; with --max-angle {reaches:.1f}, as far as the model goes, {percent(most.share)}"
+    if most.share > reach.share:
+        reaches = math.degrees(most.angle_rad)
+        reaches = math.ceil(reaches * 10.0) / 10.0 if most.share == 1.0 else math.floor(reaches * 10.0) / 10.0
+        lines.append(
+            f"the model goes on to {reaches:.1f}° and {percent(most.share)}; where the lens still has a picture there, "
+            f"give --max-angle, up to {reaches:.1f}"
+        )
+    return lines

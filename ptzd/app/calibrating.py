@@ -223,7 +223,7 @@ def fisheye(source: Path, target: Target, work: Path, model: str, say: Say) -> t
         "  " + ", ".join(f"{name} {value:.5g}" for name, value in zip(lens.names, fit.values.tolist(), strict=True)),
         f"  {rival.name}: rms {other.rms_px:.3f} px, its rays differ by {np.median(difference):.3f}° in the median, "
         f"{np.percentile(difference, 95):.3f}° at 95 %",
-        f"  {reach.told()}, {_why_it_ends(fit)}",
+        f"  {reach.told(_why_it_ends(fit))}",
     ]
     document = {**quality, "verdicts": [_plain(verdict) for verdict in verdicts]}
     return Outcome(lines=tuple(lines), document=document, written=(path,)), fit, boards
@@ -238,8 +238,7 @@ def _plain(verdict: ViewVerdict) -> dict[str, object]:
 def _why_it_ends(fit: LensFit) -> str:
     if camera_to_edge(fit).limit_rad < fit.max_angle_rad + EDGE_RAD - 1e-5:
         return "where the model folds back"
-    seen = math.degrees(fit.max_angle_rad)
-    return f"which is {math.degrees(EDGE_RAD):g}° beyond the farthest point of a board ({seen:.1f}°)"
+    return f"{math.degrees(EDGE_RAD):g}° beyond the farthest point of a board"
 
 
 def zoom_from_boards(shots: Path, target: Target, work: Path, say: Say) -> Outcome:

@@ -25,10 +25,13 @@ class Reach:
     covered: Mask
     """Cells of the picture, row by row, whose middle has a ray."""
 
-    def told(self) -> str:
-        """One sentence."""
-        line = f"rays reach {math.degrees(self.angle_rad):.1f}° off the axis, in {percent(self.share)} of the picture"
-        return line if self.share == 1.0 else f"{line}; boxes in the rest are refused"
+    def told(self, ends: str = "") -> str:
+        """One sentence; ``ends`` says where or why the rays end."""
+        reach = f"rays reach {math.degrees(self.angle_rad):.1f}° off the axis"
+        if self.share == 1.0:
+            return f"{reach} and cover the whole picture (100 %)"
+        between = f", {ends}, " if ends else " "
+        return f"{reach}{between}and cover {percent(self.share)} of the picture; a box in the rest has no ray"
 
     def document(self) -> dict[str, float]:
         """For programs."""
@@ -48,9 +51,9 @@ def reach_of(camera: CameraModel) -> Reach:
     rays, valid = camera.lift(whole)
     if valid.all() and covered.all():
         farthest = float(angle_between(rays, np.array([0.0, 0.0, 1.0])).max())
-    else:
-        farthest = camera.limit_rad
-    return Reach(angle_rad=farthest, share=float(covered.mean()), covered=covered)
+        return Reach(angle_rad=farthest, share=1.0, covered=covered)
+    less = 1.0 - 0.5 / covered.size  # a corner smaller than a cell
+    return Reach(angle_rad=camera.limit_rad, share=min(float(covered.mean()), less), covered=covered)
 
 
 def percent(share: float) -> str:

@@ -340,8 +340,8 @@ def test_import_tells_how_far_the_rays_reach_and_what_ends_them(tmp_path, capsys
     page = (tmp_path / "fisheye.html").read_text()
     assert "rays reach 90.0°" in page
     assert "<svg" in page
-    wider = told.out.split("--max-angle ")[2].split(",")[0]
-    assert "100 % of the picture" in imported(path, tmp_path, capsys, "--max-angle", wider)[1].out
+    wider = told.out.split("up to ")[1].split()[0]
+    assert "cover the whole picture" in imported(path, tmp_path, capsys, "--max-angle", wider)[1].out
 
 
 def test_import_tells_where_coefficients_fold(tmp_path, capsys):
@@ -349,7 +349,7 @@ def test_import_tells_where_coefficients_fold(tmp_path, capsys):
     out = imported(path, tmp_path, capsys)[1].out
     reach = math.degrees(math.sqrt(1.0 / 1.5))
     assert f"rays reach {0.999 * reach:.1f}°" in out
-    assert "fold back" in out
+    assert "where the model's own coefficients end it" in out
 
 
 @pytest.mark.parametrize(

@@ -88,7 +88,7 @@ def camodocal(fields: Fields) -> Described:
             f"model_type {kind.upper()} has no counterpart here; calibrate with MEI or KANNALA_BRANDT"
         )
     return Described(
-        source=f"camodocal ({kind.upper()})",
+        source=f"camodocal, {kind.upper()}",
         model=model,
         size_px=size_px,
         fx=fx,
