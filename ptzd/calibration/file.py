@@ -23,6 +23,7 @@ from ptzd.calibration.document import (
     UncertaintyPart,
     UnifiedPart,
     check_document,
+    check_fisheye,
     require,
 )
 from ptzd.documents import DocumentError, parse_yaml, read_text
@@ -134,9 +135,11 @@ def read_fisheye_section(section: object, name: str) -> CameraModel:
     """
     with _prefixed(name):
         try:
-            return _fisheye(msgspec.convert(section, FisheyePart))
+            part = msgspec.convert(section, FisheyePart)
         except msgspec.ValidationError as error:
             raise CalibrationError(_explain(str(error))) from error
+        check_fisheye(part)
+        return _fisheye(part)
 
 
 @contextmanager

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from ptzd.app.calibrating import fisheye_of
 from ptzd.calibration.foreign.described import Asked
 from ptzd.calibration.readers import read_foreign
 from ptzd.cli import entry
@@ -342,6 +343,15 @@ def test_import_tells_how_far_the_rays_reach_and_what_ends_them(tmp_path, capsys
     assert "<svg" in page
     wider = told.out.split("up to ")[1].split()[0]
     assert "cover the whole picture" in imported(path, tmp_path, capsys, "--max-angle", wider)[1].out
+
+
+def test_part_that_was_edited_is_judged_as_rig_yaml_is(tmp_path, capsys):
+    assert imported(dumped(tmp_path, MEI), tmp_path, capsys)[0] == 0
+    part = tmp_path / "fisheye.part.yaml"
+    assert fisheye_of(tmp_path).size_px == (640, 480)
+    part.write_text(part.read_text().replace("fy: 421.0", "fy: 42.1"))
+    with pytest.raises(CalibrationError, match=r"fisheye\.fy: 42\.1 px does not go with fx"):
+        fisheye_of(tmp_path)
 
 
 def test_import_tells_where_coefficients_fold(tmp_path, capsys):

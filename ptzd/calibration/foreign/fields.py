@@ -15,7 +15,8 @@ _ASIDE = re.compile(
     r"""(?ix) header | seq | stamp | frame_id | secs | nsecs | .*time.* | .*date.* | rate_hz | t_.* | r | p
     | rvecs? | tvecs? | .*rectif.* | projection_matrix | new_?camera_?(matrix|mtx) | optimal_?camera_?matrix
     | board.* | square.* | marker.* | pattern.* | grid.* | nr_of_.* | n_?frames | num_.* | n_?(views|images|pictures)
-    | flags | aspect_?ratio | fix_.* | .*err(or)?s?(_.*)? | rms.* | per_?view.* | extrinsics?(_.*)? | .*_points
+    | flags | aspect_?ratio | fix_.*
+    | .*err(or)?s?(_.*)? | ret | rms.* | reproj.* | per_?view.* | extrinsics?(_.*)? | .*_points
     | cam_overlaps | frames | .*vignette.* | std_?dev.* | .*covariance.* | sensor_type | comment | version"""
 )
 """What calibrations say besides the lens: when and how it was made, how well it fits, where the camera stood, and the
