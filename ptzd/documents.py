@@ -1,7 +1,7 @@
 """The one loader of YAML that people write: settings, calibrations, scenes, scripts.
 
-Stricter than YAML: no key twice in a mapping (the last would win), no anchors and aliases (nine of them nested make a
-file of megabytes, a cycle has no end), no nesting beyond `DEEPEST`, no dates (a text stays a text), no number that
+Stricter than YAML: no key twice in a mapping (the last would win), no aliases that write the document out beyond
+`LARGEST_NODES` or contain themselves, no nesting beyond `DEEPEST`, no dates (a text stays a text), no number that
 Python cannot hold. What is wrong is told with its line.
 """
 
@@ -16,6 +16,8 @@ import yaml
 
 DEEPEST = 32
 """Mappings and lists inside each other; settings need four, calibrations five."""
+LARGEST_NODES = 200_000
+"""Values of a document with every alias written out."""
 LARGEST_BYTES = 1_000_000
 """Of a file; the largest calibration with its covariances has some 20 kB."""
 
@@ -33,8 +35,6 @@ class _Loader(yaml.SafeLoader):
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         event = self.peek_event()  # type: ignore[no-untyped-call]
-        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
-            raise DocumentError(f"{_place(event.start_mark)}: anchors and aliases are not taken; write the value out")
         self._depth += 1
         if self._depth > DEEPEST:
             raise DocumentError(f"{_place(event.start_mark)}: nested deeper than {DEEPEST} levels")
@@ -78,6 +78,21 @@ def _place(mark: yaml.Mark) -> str:
     return f"line {mark.line + 1}, column {mark.column + 1}"
 
 
+def _count(node: yaml.Node, known: dict[int, int], above: set[int]) -> int:
+    """Number of values in a node with its aliases written out."""
+    name = id(node)
+    if name in above:
+        raise DocumentError(f"{_place(node.start_mark)}: an alias inside what it stands for has no end")
+    if name not in known:
+        children = node.value if isinstance(node, yaml.CollectionNode) else []
+        pairs = isinstance(node, yaml.MappingNode)
+        inner = [child for item in children for child in (item if pairs else (item,))]
+        known[name] = 1 + sum(_count(child, known, above | {name}) for child in inner)
+        if known[name] > LARGEST_NODES:
+            raise DocumentError(f"{_place(node.start_mark)}: aliases make more than {LARGEST_NODES:,} values of it")
+    return known[name]
+
+
 def parse_yaml(text: str) -> object:
     """Return the plain values of a text: mappings, lists, texts, numbers, booleans, None.
 
@@ -87,7 +102,15 @@ def parse_yaml(text: str) -> object:
         As in the module's docstring, or no YAML.
     """
     try:
-        return yaml.load(text, _Loader)  # noqa: S506  # a subclass of SafeLoader
+        loader = _Loader(text)
+        try:
+            node = loader.get_single_node()
+            if node is None:
+                return None
+            _count(node, {}, set())
+            return loader.construct_document(node)
+        finally:
+            loader.dispose()
     except yaml.MarkedYAMLError as error:
         place = "" if error.problem_mark is None else f"{_place(error.problem_mark)}: "
         raise DocumentError(f"{place}not YAML: {' '.join(str(error.problem or error).split())}") from None

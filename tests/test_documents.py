@@ -39,13 +39,27 @@ def test_any_text_is_a_document_or_a_named_refusal(text):
     assert "\n" not in said
 
 
+LAUGHS = "\n".join(
+    ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
+    + [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]" for n in range(1, 9)]
+)
+
+
+def test_an_alias_stands_for_its_value():
+    assert parse_yaml("pan: &axis {sign: 1, scale: 1.0}\ntilt: *axis") == {
+        "pan": {"sign": 1, "scale": 1.0},
+        "tilt": {"sign": 1, "scale": 1.0},
+    }
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
         ("a: 1\nb: 2\na: 3", "line 3, column 1: key 'a' is given twice"),
         ("x:\n  b: {c: 1, d: 2, c: 1}", "line 2, column 19: key 'c'"),
-        ("a: &one [1]\nb: *one", "line 1, column 4: anchors and aliases"),
-        ("a: &a [*a]", "anchors"),
+        ("a: &a [*a]", "line 1, column 4: an alias inside what it stands for"),
+        ("a: &a {b: {c: *a}}", "has no end"),
+        (LAUGHS, "aliases make more than 200,000 values of it"),
         ("[" * (DEEPEST + 5) + "]" * (DEEPEST + 5), f"nested deeper than {DEEPEST}"),
         ("[" * 100_000, "nested deeper"),
         ("a: " + "9" * 5000, "line 1, column 4: not a whole number"),
@@ -124,7 +138,7 @@ def test_only_the_far_end_of_the_search_may_be_infinite():
             parse_config(BASE | {"search": {"range_m": range_m}}, "x")
 
 
-@pytest.mark.parametrize("text", ["rig: a\nrig: b", "rig: &a x", "rig: " + "[" * 99, "rig: " + "9" * 5000])
+@pytest.mark.parametrize("text", ["rig: a\nrig: b", "rig: &a [*a]", "rig: " + "[" * 99, "rig: " + "9" * 5000])
 def test_settings_and_calibration_go_through_the_same_loader(tmp_path, text):
     path = tmp_path / "ptzd.yaml"
     path.write_text(text)

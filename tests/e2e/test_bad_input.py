@@ -92,7 +92,7 @@ def complaint(capsys: pytest.CaptureFixture[str], *, after: str = "") -> str:
         ("search.range_m", [5.0, 2.0], "search.range_m: the first value must be below the second"),
         ("search.matcher", "magic", "search.matcher"),
         ("home.pan_deg", 300.0, "home.pan_deg: 300.0 is outside limits.pan_deg"),
-        ("lock.tolerance_deg", float("nan"), "lock.tolerance_deg: NaN"),
+        ("lock.tolerance_deg", float("nan"), "lock.tolerance_deg: nan is no number"),
         ("fisheye.source", "usb", "fisheye"),
         ("rig", "my rig", "rig"),
         ("home.zoom", 0.5, "home.zoom"),
