@@ -47,7 +47,7 @@ async def main():
 
 asyncio.run(main())
 PY
-seen=$("$work/venv/bin/python" "$work/show.py"; AIOHTTP_NO_EXTENSIONS=1 "$work/venv/bin/python" "$work/show.py")
+seen=$("$work/venv/bin/python" "$work/show.py" 2> /dev/null; AIOHTTP_NO_EXTENSIONS=1 "$work/venv/bin/python" "$work/show.py" 2> /dev/null)
 echo "$seen"
 expected="aiohttp 3.14.1, C writer: read 'S\\udcfcd', sent back b'X-Name: Sd'
 aiohttp 3.14.1, Python writer: read 'S\\udcfcd', sent back 'UnicodeEncodeError'"
