@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from time import monotonic_ns
 
-OLDEST_NS = 3_000_000_000
+OLDEST_NS = 10_000_000_000
 """Age at which a picture is not from a queue any more: exposure, transfer and a busy loop take a fraction of that."""
 FUTURE_NS = 20_000_000
 """A stamp this far after the arrival is from another clock; less is the rounding of two clocks."""

@@ -34,7 +34,7 @@ build_guest_if_changed() {
 
 build_package_if_changed() {
     local key
-    key=$(git rev-parse HEAD:ptzd HEAD:debian HEAD:packaging HEAD:systemd HEAD:config HEAD:pyproject.toml)
+    key=$(git rev-parse HEAD:ptzd HEAD:debian HEAD:packaging HEAD:systemd HEAD:config HEAD:pyproject.toml HEAD:setup.py)
     if [ "$(cat build/deb/key 2>/dev/null)" != "$key" ]; then
         echo "building the package ..."
         packaging/deb.sh
