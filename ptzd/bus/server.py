@@ -34,7 +34,7 @@ from ptzd.bus.messages import (
 from ptzd.bus.pending import PendingQueries
 from ptzd.bus.replies import Replies
 from ptzd.bus.results import KeptResults
-from ptzd.bus.session import close_session, daemon_config, open_session
+from ptzd.bus.session import close_session, daemon_config, open_session, refuse_a_second
 from ptzd.config import BusSettings
 from ptzd.control.commands import (
     Command,
@@ -109,7 +109,7 @@ class ZenohBus:
         Raises
         ------
         BusError
-            When the address is taken, or Zenoh cannot open.
+            When the address is taken, Zenoh cannot open, or a rig of this name is alive there already.
         ConfigError
             When Zenoh refuses a setting.
         """
@@ -125,6 +125,8 @@ class ZenohBus:
         async with AsyncExitStack() as opened:
             opened.push_async_callback(close_session, self._session)
             opened.push_async_callback(asyncio.to_thread, self._replies.close)
+            if self._settings.connect:
+                await refuse_a_second(self._session, self._keys.full("alive"))
             self._images = ImagePublisher(self._session, self._keys)
             self._images.start()
             opened.push_async_callback(asyncio.to_thread, self._images.stop)

@@ -72,6 +72,34 @@ def client_config(connect: Sequence[str], config_file: str | None) -> zenoh.Conf
     return config
 
 
+SETTLED_S = 1.0
+"""From opening a session until a router has told of the others."""
+GONE_WITHIN_S = 15.0
+"""A router believes in a killed daemon for its lease, 10 s: one that comes back so soon waits for that."""
+
+
+async def refuse_a_second(session: zenoh.Session, token: str) -> None:
+    """Raise BusError when somebody else shows a rig as alive: two daemons on one head fight over it.
+
+    Only where the session connects to others (a peer that is joined to a router is not told of the tokens there, a
+    client is); two that listen on one address are told by Zenoh itself.
+    """
+    loop = asyncio.get_running_loop()
+    end_s = loop.time() + GONE_WITHIN_S
+    await asyncio.sleep(SETTLED_S)
+    while await asyncio.to_thread(_alive, session, token):
+        if loop.time() > end_s:
+            rig = token.rpartition("/")[0].rpartition("/")[2]
+            raise BusError(
+                f"bus: another daemon serves a rig named {rig} there; end it, or give this one another `rig`"
+            )
+        await asyncio.sleep(SETTLED_S)
+
+
+def _alive(session: zenoh.Session, token: str) -> bool:
+    return any(reply.ok is not None for reply in session.liveliness().get(token, timeout=SETTLED_S))
+
+
 async def open_session(config: zenoh.Config, culprit: str) -> zenoh.Session:
     """Open a session off the loop.
 

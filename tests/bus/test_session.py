@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 import zenoh
 
+from ptzd.bus import session as session_module
+from ptzd.bus.server import ZenohBus
 from ptzd.bus.session import DEFAULTS, client_config, close_session, daemon_config, open_session
 from ptzd.config import BusSettings
 from ptzd.errors import BusError, ConfigError
@@ -91,3 +93,27 @@ async def test_silent_connections_lock_nobody_out(endpoint: str):
         for connection in silent:
             connection.close()
         await close_session(session)
+
+
+@pytest.fixture
+def router(endpoint: str):
+    config = zenoh.Config()
+    config.insert_json5("mode", '"router"')
+    config.insert_json5("listen/endpoints", json.dumps([endpoint]))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    session = zenoh.open(config)
+    yield endpoint
+    session.close()
+
+
+async def test_the_second_daemon_of_one_name_says_so_and_ends(router: str, clock, monkeypatch):
+    monkeypatch.setattr(session_module, "GONE_WITHIN_S", 1.5)
+    settings = BusSettings(mode="client", listen=(), connect=(router,))
+    async with ZenohBus(settings, "hall", clock):
+        async with ZenohBus(settings, "yard", clock):
+            pass
+        with pytest.raises(BusError, match="another daemon serves a rig named hall there; end it, or give this one"):
+            async with ZenohBus(settings, "hall", clock):
+                pass
+    async with ZenohBus(settings, "hall", clock):
+        pass
