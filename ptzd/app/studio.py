@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ptzd.app.calibrate_capture import FISHEYE, FRAMES, ZOOMS, plan, write_mean, write_shots
+from ptzd.app.calibrate_capture import AROUND_DEG, FISHEYE, FRAMES, ZOOMS, tele_plan, wide_plan, write_mean, write_shots
 from ptzd.app.calibrating import Shot
 from ptzd.calibration.target import Target
 from ptzd.geometry.rig import Rig
@@ -88,6 +88,10 @@ def tilted(rng: np.random.Generator, target: Target, direction: Array, range_m: 
     return Board(target=target, rotation=rotation, origin_m=forward * range_m - rotation @ middle)
 
 
+TELE_DEG = (10.0, -8.0)
+"""Pan and tilt of the tele pictures."""
+
+
 class Studio:
     """Draws the pictures of a person who shows boards to a simulated rig.
 
@@ -160,7 +164,7 @@ class Studio:
         return write_shots(self._work / "pairs.json", shots)
 
     def scene_only(self, zooms: Sequence[float] = ZOOMS) -> Path:
-        """The fisheye's picture and the PTZ's at every pose of `plan`, no board; returns the list."""
+        """The fisheye's picture and the PTZ's at every pose of a capture, no board; returns the list."""
         limits = HeadLimits(
             pan_deg=(self._profile.pan.low, self._profile.pan.high),
             tilt_deg=(self._profile.tilt.low, self._profile.tilt.high),
@@ -168,7 +172,8 @@ class Studio:
         )
         write_mean(self._path(f"scene/{FISHEYE}"), [self._exposed(self._empty) for _ in range(FRAMES)])
         shots = []
-        for number, wanted in enumerate(plan(limits, zooms)):
+        looks = [*wide_plan(limits, (-AROUND_DEG, AROUND_DEG)), *tele_plan(limits, zooms, TELE_DEG)]
+        for number, wanted in enumerate(looks):
             pan_deg, tilt_deg = self._profile.quantise(wanted.pan_deg), self._profile.quantise(wanted.tilt_deg)
             reading = HeadReading(pan_deg=pan_deg, tilt_deg=tilt_deg, zoom=wanted.zoom)
             shot = self._ptz(f"scene/ptz_{number:03}.jpg", None, reading)

@@ -42,6 +42,8 @@ def add_commands(commands: argparse._SubParsersAction[Any]) -> None:
     capture = steps.add_parser("capture", parents=[common], help="drive the camera and keep pictures of the scene")
     capture.add_argument("--config", type=Path, required=True)
     capture.add_argument("--zooms", help="zoom units, separated by commas")
+    capture.add_argument("--pan", help="LOW,HIGH, deg: where the head looks into the fisheye's view; else home ± 84")
+    capture.add_argument("--tele", help="PAN,TILT, deg, of the tele pictures; else where most texture is")
     capture.set_defaults(run=_capture)
     draw = steps.add_parser("simulate", parents=[common], help="draw the pictures of a simulated rig")
     draw.add_argument("--scene", default="room")
@@ -132,9 +134,23 @@ def _capture(arguments: argparse.Namespace) -> int:
     from ptzd.app.calibrate_capture import ZOOMS, capture
 
     zooms = ZOOMS if arguments.zooms is None else _numbers(arguments.zooms)
-    path = asyncio.run(capture(arguments.config, arguments.work, zooms, _say))
+    pan, tele = _pair("--pan", arguments.pan), _pair("--tele", arguments.tele)
+    if pan is not None and pan[0] >= pan[1]:
+        raise CalibrationError(
+            f"--pan {arguments.pan}: the first must be below the second; over 180° count on: 100,260"
+        )
+    path = asyncio.run(capture(arguments.config, arguments.work, zooms, _say, pan_deg=pan, tele_deg=tele))
     print(f"written: {path}")
     return 0
+
+
+def _pair(option: str, text: str | None) -> tuple[float, float] | None:
+    if text is None:
+        return None
+    values = _numbers(text)
+    if len(values) != 2:
+        raise CalibrationError(f"{option} {text}: two numbers separated by a comma are expected")
+    return values[0], values[1]
 
 
 def _simulate(arguments: argparse.Namespace) -> int:

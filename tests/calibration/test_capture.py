@@ -5,11 +5,21 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from ptzd.app import calibrate_capture
-from ptzd.app.calibrate_capture import FRAMES, pictures_in_a_row, write_mean
-from ptzd.errors import DeviceLost
-from ptzd.model import FrameRef
+from ptzd.app.calibrate_capture import (
+    FRAMES,
+    ZOOMS,
+    pictures_in_a_row,
+    tele_plan,
+    texture,
+    wide_plan,
+    write_mean,
+)
+from ptzd.errors import CalibrationError, DeviceLost
+from ptzd.model import FrameRef, HeadLimits
 from ptzd.ports import Picture
 
 GREY = cv2.GaussianBlur(np.random.default_rng(1).uniform(60, 190, (48, 64)), (0, 0), 3)
@@ -49,3 +59,41 @@ def test_a_mean_that_cannot_be_written_is_an_error(tmp_path):
     jpeg = cv2.imencode(".jpg", GREY.astype(np.uint8))[1].tobytes()
     with pytest.raises(FileNotFoundError):
         write_mean(tmp_path / "gone" / "fisheye.png", [jpeg])
+
+
+FIXED = HeadLimits(pan_deg=(-170.0, 170.0), tilt_deg=(-20.0, 90.0), zoom=(1.0, 9999.0))
+ENDLESS = HeadLimits(pan_deg=(-180.0, 180.0), tilt_deg=(-90.0, 20.0), zoom=(1.0, 9999.0), endless_pan=True)
+
+
+@given(st.sampled_from([FIXED, ENDLESS]), st.floats(-80, 80), st.floats(20, 85))
+def test_every_look_is_within_the_limits_and_the_range_that_was_asked_for(limits, middle, half):
+    looks = wide_plan(limits, (middle - half, middle + half))
+    assert all(limits.contains(reading) for reading in looks)
+    assert min(reading.pan_deg for reading in looks) == pytest.approx(middle - half)
+    assert max(reading.pan_deg for reading in looks) == pytest.approx(middle + half)
+
+
+@given(st.sampled_from([FIXED, ENDLESS]), st.floats(-179, 179), st.floats(-89, 89))
+def test_tele_looks_stay_within_the_limits_wherever_they_are_wanted(limits, pan, tilt):
+    looks = tele_plan(limits, ZOOMS, (pan, tilt))
+    assert len(looks) == 6 * (len(ZOOMS) - 1)
+    assert all(limits.contains(reading) for reading in looks)
+
+
+def test_an_endless_head_looks_across_its_seam():
+    pans = {round(reading.pan_deg) for reading in wide_plan(ENDLESS, (100.0, 260.0))}
+    assert {100, 180, -100} <= pans
+
+
+def test_a_range_that_the_head_does_not_reach_is_refused_with_what_it_reaches():
+    with pytest.raises(CalibrationError, match=r"--pan 150,260: the head reaches -170° to 170°"):
+        wide_plan(FIXED, (150.0, 260.0))
+
+
+def test_texture_counts_in_the_middle_of_a_picture():
+    rng = np.random.default_rng(1)
+    flat = np.full((240, 320), 90, np.uint8)
+    textured = flat.copy()
+    textured[80:160, 107:213] = rng.integers(0, 255, (80, 106))
+    assert texture(flat) == 0
+    assert texture(textured) > 50
