@@ -1,4 +1,4 @@
-.PHONY: install test check matrix format demo figures bench-accuracy bench-replay bench-load life opencv golden soak scenes deb rig-vm clean
+.PHONY: install test check imports matrix format demo figures bench-accuracy bench-replay bench-load life opencv golden soak scenes deb rig-vm clean
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -30,6 +30,10 @@ demo: install
 # Every fault of the camera in every state of the machine
 matrix: install
 	PTZD_MATRIX=all $(BIN)/python -m pytest -n 2 tests/e2e/test_matrix.py
+
+# Who imports whom, room by room
+imports: install
+	$(BIN)/python -m tests.structure.graph
 
 figures: install
 	$(BIN)/python -m tests.bench.figures --write
