@@ -46,6 +46,10 @@ class Outcome(StrEnum):
     REJECTED = "rejected"
 
 
+REFUSED = frozenset({Outcome.STALE_FRAME, Outcome.REJECTED})
+"""How requests end that were never accepted."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Box:
     """A continuous rectangle in a picture whose pixel centres lie at integers.

@@ -34,7 +34,7 @@ from ptzd.bus.messages import (
 from ptzd.bus.pending import PendingQueries
 from ptzd.bus.replies import Replies
 from ptzd.bus.results import KeptResults
-from ptzd.bus.session import close_session, daemon_config, open_session, refuse_a_second
+from ptzd.bus.session import close_session, daemon_config, open_session, provide_threads, refuse_a_second
 from ptzd.config import BusSettings
 from ptzd.control.commands import (
     Command,
@@ -54,6 +54,7 @@ from ptzd.control.events import (
     Verb,
 )
 from ptzd.control.wording import scaled
+from ptzd.model import REFUSED
 from ptzd.ports import Clock
 
 ANSWER_WITHIN_S = 2.0
@@ -114,6 +115,7 @@ class ZenohBus:
             When Zenoh refuses a setting.
         """
         config = daemon_config(self._settings)
+        provide_threads()
         self._session = await open_session(config, f"bus: cannot open {', '.join(self._settings.listen)}")
         self._replies = Replies()
         self._pending = PendingQueries(asyncio.get_running_loop(), PENDING_LIMIT, ANSWER_WITHIN_S, self._replies)
@@ -282,7 +284,8 @@ class ZenohBus:
             sigma_deg=command.sigma_deg,
             log=self._log_reference(),
         )
-        self._results.put(command.id, msgspec.json.encode(result), self._clock.now_ns())
+        refused = command.outcome in REFUSED
+        self._results.put(command.id, msgspec.json.encode(result), self._clock.now_ns(), refused=refused)
         self._put(f"roi/{command.id}/result", result, "RoiResult")
 
     def _publish_status(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -40,6 +41,19 @@ DEFAULTS: dict[str, object] = {
     ],
 }
 """What a session without a file of its own is given; ``config/zenoh.json5`` says the same in Zenoh's own form."""
+
+THREADS = "(rx: (worker_threads: 24), net: (worker_threads: 8))"
+"""Of Zenoh's receiving and housekeeping threads, of which it has two and one by itself.
+
+Zenoh closes the connection of an app that stopped reading in one of them, and that holds the thread for the 10 s that
+the kernel lingers on what was not read: as many such apps as there are threads, and the bus is silent for everybody.
+The threads belong to the process: a session of its own for the pictures would share them.
+"""
+
+
+def provide_threads() -> None:
+    """Have Zenoh start with `THREADS`; only before the first session of the process, and whoever set it keeps his."""
+    os.environ.setdefault("ZENOH_RUNTIME", THREADS)
 
 
 def daemon_config(settings: BusSettings) -> zenoh.Config:

@@ -15,10 +15,10 @@ from ptzd.control.memory import AnyActivity, Claim, Ended, Memory, Rank
 from ptzd.control.requests import Request, Task
 from ptzd.control.work import Work, seconds
 from ptzd.errors import RequestRefused
-from ptzd.model import FrameRef, Outcome
+from ptzd.model import REFUSED, FrameRef, Outcome
 
 ENDED_KEPT = 1024
-"""Results remembered for repeated ids, besides their age limit."""
+"""Results remembered for repeated ids, besides their age limit; and as many refusals."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -39,7 +39,8 @@ class Desk:
 
     def ended(self, request_id: str) -> str | None:
         """How a request of this id ended lately."""
-        return next((ended.outcome for ended in self.memory.ended if ended.id == request_id), None)
+        known = (*self.memory.ended, *self.memory.refused)
+        return next((ended.outcome for ended in known if ended.id == request_id), None)
 
     def take(self, event: ev.RequestReceived) -> Request | None:
         """Admit a request into the queue and pin its frame; None when it was refused or is a repetition.
@@ -192,9 +193,10 @@ class Desk:
     def _publish(self, result: cmd.PublishResult) -> None:
         self.work.out.append(result)
         oldest = self.work.t_ns - seconds(self.work.config.queue.results_kept_s)
-        kept = [ended for ended in self.memory.ended if ended.ended_ns >= oldest]
+        remembered = self.memory.refused if result.outcome in REFUSED else self.memory.ended
+        kept = [ended for ended in remembered if ended.ended_ns >= oldest]
         kept.append(Ended(id=result.id, ended_ns=self.work.t_ns, outcome=result.outcome))
-        self.memory.ended = kept[-ENDED_KEPT:]
+        remembered[:] = kept[-ENDED_KEPT:]
 
     def _result(
         self, task: Task, activity: AnyActivity, outcome: Outcome, reason: str, probability: float | None

@@ -74,6 +74,8 @@ class Memory:
     claims: list[Claim] = field(default_factory=list)
     """What waits, by rank, and by its coming where ranks are equal."""
     ended: list[Ended] = field(default_factory=list)
+    refused: list[Ended] = field(default_factory=list)
+    """Puts that were refused: apart, so that a flood of them lets no request's end be forgotten."""
     published: PublishStatus | None = None
     """The status that was told last."""
 

@@ -28,3 +28,25 @@ def test_a_flood_is_bounded():
         kept.put(str(index), b"x", index)
     assert kept.get("9", MOST) is None
     assert kept.get("10", MOST) == b"x"
+
+
+def test_a_flood_of_refusals_pushes_out_no_result():
+    kept = KeptResults(600.0)
+    kept.put("served", b"locked", 0)
+    for index in range(MOST + 10):
+        kept.put(f"junk-{index}", b"rejected", index, refused=True)
+    assert kept.get("served", MOST) == b"locked"
+    assert kept.get("junk-9", MOST) is None
+    assert kept.get("junk-10", MOST) == b"rejected"
+    assert len(list(kept.all(MOST))) == MOST + 1
+    assert list(kept.all(MOST))[-1] == ("served", b"locked"), "what was served counts as the newest"
+
+
+def test_one_id_has_one_result_on_whichever_shelf():
+    kept = KeptResults(600.0)
+    kept.put("a", b"rejected", 0, refused=True)
+    kept.put("a", b"locked", 1)
+    assert list(kept.all(2)) == [("a", b"locked")]
+    kept.put("a", b"rejected", 2, refused=True)
+    assert kept.get("a", 3) == b"rejected"
+    assert list(kept.all(700 * S)) == []
