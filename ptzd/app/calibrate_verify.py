@@ -84,7 +84,9 @@ def with_boards(shots_path: Path, target: Target, calibration: Path) -> Outcome:
         errors.append(min(options, key=lambda angles: float(np.median(angles))))
     if not errors:
         raise CalibrationError("verify: no board is seen by both cameras; hold it where both see it whole")
-    line, document = _summary("boards", np.concatenate(errors))
+    # a board's distance is in metres, which says nothing in baselines: its parallax stays in the error
+    name = "boards" if rig.metric else "boards, as if infinitely far (the rig has no scale)"
+    line, document = _summary(name, np.concatenate(errors))
     return Outcome(lines=(line,), document={"boards": document}, written=())
 
 

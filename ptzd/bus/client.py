@@ -155,7 +155,7 @@ class Client:
         frame_seq, frame_t_capture_ns : int
             The frame the box was drawn on, by one of the two; default: the newest.
         range_m : (float, float or None)
-            Nearest and farthest distance, m; None as the farthest is infinity.
+            Nearest and farthest distance, m (baselines on a rig without scale); None as the farthest is infinity.
         zoom : str or float
             ``fit``, ``keep``, or a horizontal field of view in degrees.
         fill : float

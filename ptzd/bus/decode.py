@@ -199,7 +199,8 @@ def _refuse_repeated(payload: bytes) -> None:
 
 def _check_range(wanted: RangeM | None) -> None:
     if wanted is not None and wanted.max is not None and wanted.min >= wanted.max:
-        message = f"the nearest range must be below the farthest, got {wanted.min} and {wanted.max} m"
+        got = f"{wanted.min:g} and {wanted.max:g} (m; baselines on a rig without scale)"
+        message = f"the nearest range must be below the farthest, got {got}"
         raise RequestRefused("invalid", message, "$.range_m.max")
 
 

@@ -13,6 +13,7 @@ from ptzd.cli import asking, calibrate, offline, replaying, rig
 from ptzd.model import Box, Matcher
 
 EX_USAGE = 64
+_RANGE = "nearest and farthest range; m, or baselines where the rig has no scale (metric: false)"
 
 
 class _Parser(argparse.ArgumentParser):
@@ -112,7 +113,7 @@ def _add_bus_commands(commands: argparse._SubParsersAction[_Parser]) -> None:
     aim.add_argument("box", type=box, metavar="X,Y,W,H")
     aim.add_argument("--id")
     aim.add_argument("--frame", type=int, metavar="SEQ", help="fisheye frame that the box was drawn on")
-    aim.add_argument("--range", type=interval, metavar="MIN,MAX")
+    aim.add_argument("--range", type=interval, metavar="MIN,MAX", help=_RANGE)
     aim.add_argument("--hfov", type=float, metavar="DEG")
     aim.add_argument("--keep-zoom", action="store_true")
     aim.add_argument("--fill", type=float)
@@ -144,7 +145,7 @@ def _add_offline_commands(commands: argparse._SubParsersAction[_Parser]) -> None
     locate.add_argument("--box", type=box, required=True, metavar="X,Y,W,H")
     locate.add_argument("--views", type=Path, required=True, metavar="VIEWS.json")
     locate.add_argument("--matcher", type=Matcher, choices=list(Matcher), default=Matcher.SWEEP)
-    locate.add_argument("--range", type=interval, default=(1.0, 100.0), metavar="MIN,MAX")
+    locate.add_argument("--range", type=interval, default=(1.0, 100.0), metavar="MIN,MAX", help=_RANGE)
     locate.add_argument("--json", action="store_true")
     locate.add_argument("--draw", type=Path, metavar="OUT.png")
     locate.set_defaults(run=offline.locate)
@@ -152,7 +153,7 @@ def _add_offline_commands(commands: argparse._SubParsersAction[_Parser]) -> None
     plan.add_argument("--calibration", type=Path, required=True)
     plan.add_argument("--box", type=box, required=True, metavar="X,Y,W,H")
     plan.add_argument("--zoom", type=float, required=True)
-    plan.add_argument("--range", type=interval, default=(1.0, 100.0), metavar="MIN,MAX")
+    plan.add_argument("--range", type=interval, default=(1.0, 100.0), metavar="MIN,MAX", help=_RANGE)
     plan.add_argument("--config", type=Path, help="settings whose limits the head is to keep (default: none)")
     plan.add_argument("--json", action="store_true")
     plan.set_defaults(run=offline.plan)

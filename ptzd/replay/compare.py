@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ptzd.control import commands as cmd
+from ptzd.control.wording import scaled
 from ptzd.model import MatchResult
 
 
@@ -126,6 +127,14 @@ def differences(path: str, recorded: object, replayed: object, tolerance: Tolera
     else:
         same = bool(recorded == replayed)
     return [] if same else [(path, _shown(recorded), _shown(replayed))]
+
+
+def named_path(path: str, *, metric: bool) -> str:
+    """The path with a range named by its unit: of a rig without scale none ends in ``_m``."""
+    head, dot, name = path.rpartition(".")
+    field, bracket, index = name.partition("[")
+    (unit,) = scaled({field: None}, metric=metric)
+    return f"{head}{dot}{unit}{bracket}{index}"
 
 
 def _with_best_only(result: MatchResult) -> MatchResult:

@@ -21,7 +21,7 @@ from ptzd.geometry.rig import Rig
 from ptzd.log.reader import LoggedEvent, LogReader
 from ptzd.log.topics import FISHEYE_IMAGE, PTZ_IMAGE
 from ptzd.model import MatchResult
-from ptzd.replay.compare import EXACT, Difference, Tolerance, differences, kind
+from ptzd.replay.compare import EXACT, Difference, Tolerance, differences, kind, named_path
 
 Matcher = Callable[[cmd.RunMatch, bytes, bytes], MatchResult]
 """Runs one match on the bytes of a fisheye frame and a view."""
@@ -286,7 +286,7 @@ class Player:
                     sequence=step.sequence,
                     event=type(step.event).__name__,
                     request=request,
-                    path=path,
+                    path=named_path(path, metric=self._rig.metric),
                     recorded=recorded,
                     replayed=replayed,
                     parts=parts,

@@ -18,7 +18,7 @@ from ptzd.control import commands as cmd
 from ptzd.control import events as ev
 from ptzd.errors import LogError
 from ptzd.log.reader import LogReader
-from ptzd.replay.compare import ACROSS_MACHINES, EXACT, ROUNDING, Difference, differences, kind
+from ptzd.replay.compare import ACROSS_MACHINES, EXACT, ROUNDING, Difference, differences, kind, named_path
 from ptzd.replay.drive import Player, Replay
 from ptzd.replay.report import RIG, Report, document, junit, lines, stories
 
@@ -185,3 +185,17 @@ async def test_the_bar_spans_the_file(record, steps) -> None:
 async def test_a_calibration_that_is_not_there(record, tmp_path: Path, capsys) -> None:
     assert entry(["replay", str(await record()), "--calibration", str(tmp_path / "none.yaml")]) == 78
     assert "none.yaml" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("path", "told"),
+    [
+        ("PublishResult.range_m", "PublishResult.range_baselines"),
+        ("PublishFeedback.detail.range_m", "PublishFeedback.detail.range_baselines"),
+        ("RequestReceived.range_m[0]", "RequestReceived.range_baselines[0]"),
+        ("MoveHead.pan_deg", "MoveHead.pan_deg"),
+    ],
+)
+def test_a_difference_names_ranges_of_a_rig_without_scale_by_their_unit(path, told) -> None:
+    assert named_path(path, metric=False) == told
+    assert named_path(path, metric=True) == path
