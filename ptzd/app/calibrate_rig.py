@@ -31,6 +31,7 @@ from ptzd.calibration.boards import BoardPair, RigFit, Seen, calibrate_boards
 from ptzd.calibration.detect import Grey
 from ptzd.calibration.features import find_features, match
 from ptzd.calibration.file import dump_rig, fisheye_section, read_rig
+from ptzd.calibration.halves import PointingError, pointing_error
 from ptzd.calibration.lens import KANNALA_BRANDT, PERSPECTIVE, UNIFIED, Lens
 from ptzd.calibration.pictures import read_boards
 from ptzd.calibration.planes import refine_by_planes
@@ -62,6 +63,7 @@ class SceneResult:
 
     rig: Rig
     fit: SceneRigFit
+    expected: PointingError
     outcome: Outcome
 
 
@@ -165,8 +167,16 @@ def scene_pairs(
     )
 
 
-def rig_from_scene(shots_path: Path, fisheye_path: Path, work: Path, out: Path, say: Say) -> SceneResult:
-    """rig.yaml with |T| = 1 from features of the scene; the fisheye too when the work folder has none."""
+def rig_from_scene(
+    shots_path: Path, fisheye_path: Path, work: Path, out: Path, say: Say, *, limit_rad: float = math.inf
+) -> SceneResult:
+    """rig.yaml with |T| = 1 from features of the scene; the fisheye too when the work folder has none.
+
+    Raises
+    ------
+    CalibrationError
+        When too few features agree, or when the pointing error to expect is above the limit: nothing is written then.
+    """
     shots = read_shots(shots_path)
     table, (head, head_quality) = zoom_of(work), head_of(work)
     known = fisheye_of(work) if (work / "fisheye.part.yaml").is_file() else None
@@ -178,24 +188,17 @@ def rig_from_scene(shots_path: Path, fisheye_path: Path, work: Path, out: Path, 
     height, width = grey.shape
     fit = calibrate_scene_rig(pairs, (width, height), None if known is None else lens_of(known)[1], progress=say)
     fit = refine_by_planes(fit, (width, height), held=known is not None, progress=say)
-    camera = known or _to_edge(fit, (width, height))
-    sigma = np.sqrt(np.diag(fit.covariance))
-    across = 1.4826 * float(np.nanmedian(np.abs(fit.across_rad)))
+    expected = pointing_error(fit, (width, height), held=known is not None, progress=say)
+    judge(expected, limit_rad, say)
     rig = Rig(
-        fisheye=camera,
+        fisheye=known or _to_edge(fit, (width, height)),
         zoom=table,
         head=head,
         head_from_fisheye_rotation=fit.rotation,
         head_from_fisheye_translation=fit.translation,
         metric=False,
-        uncertainty=Uncertainty(
-            rotation_rad=max(
-                math.hypot(float(sigma[9:12].max()), _lens_sigma_rad(work) if known is not None else 0.0),
-                across,
-                LEAST_ROTATION_RAD,
-            ),
-            translation=min(max(float(sigma[12:].max()), 1e-3), 0.5),
-            head_rad=max(math.radians(float(head_quality["sigma_deg"])), LEAST_HEAD_RAD),
+        uncertainty=_scene_uncertainty(
+            fit, _lens_sigma_rad(work) if known is not None else 0.0, math.radians(float(head_quality["sigma_deg"]))
         ),
     )
     quality = {
@@ -203,12 +206,13 @@ def rig_from_scene(shots_path: Path, fisheye_path: Path, work: Path, out: Path, 
         "features": len(fit.pairs.directions),
         "planes": fit.planes,
         "rms_px": fit.rms_px,
+        "pointing": expected.document(),
         "across_median_deg": math.degrees(float(np.nanmedian(np.abs(fit.across_rad)))),
         "fisheye": "from a board" if known is not None else "from the scene",
         "covariance": covariance_part((*UNIFIED.names, *TURN_NAMES, "t_across_1", "t_across_2"), fit.covariance),
     }
     if known is None:
-        write_part(work, "fisheye_from_scene", fisheye_section(camera), quality)
+        write_part(work, "fisheye_from_scene", fisheye_section(rig.fisheye), quality)
     written = write_rig(rig, out, {**quality, "parts": parts_quality(work)})
     lines = (
         f"rig: {quality['features']} features on {fit.planes} planes agree to {quality['across_median_deg']:.3f}° "
@@ -216,7 +220,36 @@ def rig_from_scene(shots_path: Path, fisheye_path: Path, work: Path, out: Path, 
         "  no board of known size: |T| = 1, ranges are in baselines (metric: false)",
         verdict(rig),
     )
-    return SceneResult(rig=rig, fit=fit, outcome=Outcome(lines=lines, document=quality, written=(written,)))
+    return SceneResult(
+        rig=rig, fit=fit, expected=expected, outcome=Outcome(lines=lines, document=quality, written=(written,))
+    )
+
+
+def judge(expected: PointingError, limit_rad: float, say: Say) -> None:
+    """Say what pointing error to expect; refuse what is above the limit."""
+    told = "unknown size" if math.isinf(expected.p95_rad) else f"{math.degrees(expected.p95_rad):.3f}° at 95 %"
+    halves = expected.halves_rad
+    told_halves = "unknown, they are too few" if math.isinf(halves) else f"{math.degrees(halves):.3f}°"
+    say(
+        f"verdict: expect a pointing error of {told} (covariance {math.degrees(expected.covariance_rad):.3f}°, "
+        f"halves of the scene against each other {told_halves})"
+    )
+    if expected.p95_rad > limit_rad:
+        raise CalibrationError(
+            f"rig: the pointing error to expect, {told}, is above the limit of {math.degrees(limit_rad):g}°, nothing "
+            "was written: capture a scene with more texture, walls and floor in view, or a board; or take it as it is "
+            "with --accept"
+        )
+
+
+def _scene_uncertainty(fit: SceneRigFit, lens_rad: float, head_rad: float) -> Uncertainty:
+    sigma = np.sqrt(np.diag(fit.covariance))
+    across = 1.4826 * float(np.nanmedian(np.abs(fit.across_rad)))
+    return Uncertainty(
+        rotation_rad=max(math.hypot(float(sigma[9:12].max()), lens_rad), across, LEAST_ROTATION_RAD),
+        translation=min(max(float(sigma[12:].max()), 1e-3), 0.5),
+        head_rad=max(head_rad, LEAST_HEAD_RAD),
+    )
 
 
 def _to_edge(fit: SceneRigFit, size_px: tuple[int, int]) -> CameraModel:

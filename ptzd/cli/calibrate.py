@@ -58,6 +58,9 @@ def add_commands(commands: argparse._SubParsersAction[Any]) -> None:
     rig.add_argument("--fisheye", type=Path, help="the fisheye's picture, without a board")
     rig.add_argument("--out", type=Path, default=Path("rig.yaml"))
     rig.add_argument("--report", type=Path, help="HTML")
+    limit = "pointing error at 95 % above which nothing is written, without a board; deg"
+    rig.add_argument("--limit", type=_positive, default=0.2, metavar="DEG", help=limit)
+    rig.add_argument("--accept", action="store_true", help="write rig.yaml whatever the verdict says")
     rig.set_defaults(run=_rig)
     verify = steps.add_parser("verify", parents=[common, board], help="measure the error with fresh pictures")
     verify.add_argument("shots", type=Path, help="list of PTZ pictures with their angles (JSON)")
@@ -107,6 +110,16 @@ def _add_ptz(steps: argparse._SubParsersAction[Any], parents: list[argparse.Argu
             step.add_argument("--zooms", default="1,420,1350,3500,7000", help="zoom units, separated by commas")
             step.add_argument("--count", type=int, default=8, help="pictures at each zoom with --live, at least")
         step.set_defaults(run=run)
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r}: give a number above 0")
+    return value
 
 
 def _say(text: str) -> None:
@@ -291,7 +304,10 @@ def _rig(arguments: argparse.Namespace) -> int:
     report = arguments.report or arguments.out.with_suffix(".html")
     if arguments.board is None:
         picture = _picture(arguments)
-        result = calibrate_rig.rig_from_scene(arguments.shots, picture, arguments.work, arguments.out, _say)
+        limit_rad = math.inf if arguments.accept else math.radians(arguments.limit)
+        result = calibrate_rig.rig_from_scene(
+            arguments.shots, picture, arguments.work, arguments.out, _say, limit_rad=limit_rad
+        )
         outcome, rig = result.outcome, result.rig
         pixels, residuals = result.fit.pairs.fisheye_px, result.fit.residuals_px
     else:
