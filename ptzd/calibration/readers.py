@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ptzd.calibration.foreign import chains, matrices, rigs, tables
-from ptzd.calibration.foreign.described import Asked, Described, camera_of, chosen
+from ptzd.calibration.foreign.described import COPY, Asked, Described, camera_of, chosen
 from ptzd.calibration.foreign.fields import Fields
 from ptzd.calibration.foreign.text import plain_values, read_source
 from ptzd.errors import CalibrationError, GeometryError
@@ -24,11 +24,11 @@ _REFUSED = (
         "`ptzd calibrate fisheye PICTURES`, or with estimateCameraParametersKB or OpenCV",
     ),
     (
-        ("cameras", "Calibration", "sensors", "CalibrationInformation", "cameraData"),
-        "a list of cameras in a form that is not read here (maplab, OpenSfM, calib.io, DepthAI …); copy the fisheye's "
-        "numbers into a file as OpenCV writes it: image_width, image_height, camera_matrix, distortion_coefficients, "
-        "and fisheye_model: 1 where it is one",
+        ("cameras", "Calibration", "sensors", "CalibrationInformation", "cameraData", "sfm_data_version", "views"),
+        f"a list of cameras in a form that is not read here (maplab, OpenMVG, Meshroom, calib.io, DepthAI …); {COPY}",
     ),
+    (("cam0_calib",), "the settings of VINS-Fusion; give the file that cam0_calib or cam1_calib in it names"),
+    (("fisheye_params",), f"a lens profile of Gyroflow, which is not read here; {COPY}"),
 )
 _READERS: tuple[tuple[str, Callable[[Fields], Described]], ...] = (
     ("model_type", chains.camodocal),
@@ -37,7 +37,7 @@ _READERS: tuple[tuple[str, Callable[[Fields], Described]], ...] = (
     ("fl_x", rigs.nerfstudio),
     ("intrinsics", chains.intrinsics),
 )
-_PAIR = re.compile(r"(?i)(camera_?matrix|k|m|mtx|camera_matrix|intrinsics?)_?(0|1|2|l|r|left|right)")
+_PAIR = re.compile(r"(?i)(camera_?matrix|k|m|mtx|camera_matrix|intrinsics?)_?(\d+|l|r|left|right)")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,7 +59,7 @@ def read_foreign(path: Path, asked: Asked = Asked()) -> Foreign:  # noqa: B008  
     path : Path
         YAML, JSON or XML of OpenCV (also with xi), a camera_info of ROS (file, `ros2 topic echo`), Kalibr's camchain,
         EuRoC's sensor.yaml, camodocal's (VINS, KITTI-360), VOXL's, Basalt's, ORB-SLAM's, nerfstudio's, RealSense's,
-        MATLAB's toStruct; COLMAP's cameras.txt and Bouguet's Calib_Results.m.
+        MATLAB's toStruct; COLMAP's cameras.txt, mrcal's .cameramodel and Bouguet's Calib_Results.m.
     asked : Asked
         The model, the size and the camera where the file leaves them open, and the edge of the image circle.
 
@@ -88,11 +88,15 @@ def _lens(path: Path, camera: str | None) -> tuple[str | None, Described]:
     found = rigs.orb(values, camera)
     if found is not None:
         return found
-    several = {key: value for key, value in values.items() if _CAMERA.fullmatch(key) and isinstance(value, dict)}
+    for names, words in _REFUSED:
+        if any(key in values for key in names):
+            raise CalibrationError(words)
+    several = _sections(values)
     if several:
         name = chosen(list(several), camera)
-        fields = Fields(several[name], name)
-        described = chains.intrinsics(fields)
+        shared = {key: value for key, value in values.items() if key not in several}
+        fields = Fields({**shared, **several[name]}, name)
+        described = (matrices.described if _has_matrix(several[name]) else chains.intrinsics)(fields)
         fields.finish()
         return name, described
     fields = Fields(values)
@@ -106,17 +110,28 @@ def _lens(path: Path, camera: str | None) -> tuple[str | None, Described]:
     return None, described
 
 
+def _sections(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """The cameras of a file that has a section for each."""
+    if _has_matrix(values):
+        return {}
+    sections = {key: value for key, value in values.items() if isinstance(value, dict)}
+    return {key: value for key, value in sections.items() if _CAMERA.fullmatch(key) or _has_matrix(value)}
+
+
+def _has_matrix(values: Mapping[str, Any]) -> bool:
+    return any(key in values for key in matrices.MATRIX)
+
+
 def _reader(values: Mapping[str, Any]) -> Callable[[Fields], Described]:
     """Whose file it is, by the names in it."""
-    for names, words in _REFUSED:
-        if any(name in values for name in names):
-            raise CalibrationError(words)
     for name, reader in _READERS:
         if name in values:
             return reader
-    if any(key in values for key in matrices.MATRIX):
+    if _has_matrix(values):
         return matrices.described
-    pair = next((key for key in values if _PAIR.fullmatch(key)), None)
+    pair = next(
+        (key for key, value in values.items() if _PAIR.fullmatch(key) and isinstance(value, list | dict | str)), None
+    )
     if pair is not None:
         raise CalibrationError(
             f"{pair}: of a pair of cameras; copy the fisheye's matrix, coefficients and size into a file of their own, "
@@ -124,5 +139,5 @@ def _reader(values: Mapping[str, Any]) -> Callable[[Fields], Described]:
         )
     raise CalibrationError(
         "not a calibration that is known here: none of camera_matrix, K (OpenCV, ROS), cam0, intrinsics (Kalibr, "
-        "EuRoC), model_type (camodocal) is in it"
+        f"EuRoC), model_type (camodocal) is in it; {COPY}"
     )

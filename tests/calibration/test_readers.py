@@ -9,10 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from ptzd.app.calibrating import fisheye_of
 from ptzd.calibration.foreign.described import Asked
 from ptzd.calibration.readers import read_foreign
-from ptzd.cli import entry
 from ptzd.errors import CalibrationError
 
 K = [[310.5, 0.0, 322.25], [0.0, 309.25, 238.5], [0.0, 0.0, 1.0]]
@@ -37,6 +35,18 @@ MEI = {
     "distortion_parameters": {"k1": -0.12, "k2": 0.03, "p1": 0.0007, "p2": -0.0009},
     "projection_parameters": {"gamma1": 420.0, "gamma2": 421.0, "u0": 318.0, "v0": 242.0},
 }
+ESTIMATOR = {
+    "imu_topic": "/imu",
+    "image_topic": "/front",
+    "extrinsicRotation": {"rows": 3, "cols": 3, "dt": "d", "data": [1, 0, 0, 0, 1, 0, 0, 0, 1]},
+    "max_cnt": 120,
+    "F_threshold": 1.0,
+    "fisheye": 1,
+    "focal_length": 460,
+    "acc_n": 0.1,
+    "td": 0.0,
+}
+"""Of the settings that VINS keeps beside the lens; `fisheye` is a mask."""
 
 
 def rays(widest_deg: float) -> np.ndarray:
@@ -170,6 +180,7 @@ def test_fisheye_of_others_has_the_rays_of_cv2_fisheye(tmp_path, values):
     "values",
     [
         MEI,
+        {**MEI, **ESTIMATOR},
         {"cam0": CHAIN},
         CHAIN,
         {
@@ -179,7 +190,7 @@ def test_fisheye_of_others_has_the_rays_of_cv2_fisheye(tmp_path, values):
             "D": CHAIN["distortion_coeffs"],
         },
     ],
-    ids=["camodocal", "chain", "kalibr", "omnidir"],
+    ids=["camodocal", "vins", "chain", "kalibr", "omnidir"],
 )
 def test_unified_of_others_has_the_rays_of_mei_and_rives(tmp_path, values):
     directions = rays(95.0)
@@ -240,9 +251,20 @@ def test_eucm_with_beta_1_is_the_unified_model(tmp_path):
         ({**MEI, "model_type": "SCARAMUZZA"}, "SCARAMUZZA"),
         ({**MEI, "distortion_parameters": {"k1": 0.1, "k2": 0, "p1": 0}}, "distortion_parameters.p2: missing"),
         ({**MEI, "projection_parameters": {**MEI["projection_parameters"], "s": 0.2}}, "projection_parameters.s"),
+        ({**MEI, **ESTIMATOR, "skew": 0.2}, "skew: 0.2 is not understood"),
+        ({**MEI, **ESTIMATOR, "affine_parameters": {"ac": 1.0}}, "affine_parameters: .* is not understood"),
+        ({**MEI, **ESTIMATOR, "image_scale": 0.5}, "image_scale: 0.5 is not understood"),
+        ({**FLAT, "k": [0.0] * 9}, "no calibration"),
+        ({"cam0": CHAIN, "distortion_scale": 2.0}, "distortion_scale: 2.0 is not understood"),
+        ({**SIZE, "cam": {"camera_matrix": K, "D": BROWN, "skew": 1.0}}, r"cam\.skew: 1.0 is not understood"),
         ({**SIZE, "cameraMatrix1": K, "distCoeffs1": BROWN}, "of a pair"),
+        ({"K_02": FLAT_K, "D_02": BROWN}, "K_02: of a pair"),
+        ({"cam0_calib": "left.yaml", **SIZE}, "give the file that cam0_calib"),
+        ({"fisheye_params": {"camera_matrix": K, "distortion_coeffs": BENT}}, "Gyroflow"),
+        ({"views": [], "intrinsics": [{"type": "fisheye4"}]}, "Meshroom"),
         ({"ptzd_calibration": 1}, "already"),
         ({"a": 1}, "none of camera_matrix"),
+        ({**SIZE, "fx": 310.0, "fy": 310.0, "cx": 320.0, "cy": 240.0, "k1": 0.1, "k2": 0.0}, "none of camera_matrix"),
     ],
 )
 def test_what_is_left_open_or_has_no_counterpart_is_refused_by_name(tmp_path, values, words):
@@ -284,6 +306,42 @@ def test_camera_of_a_chain_is_chosen_by_name(tmp_path):
         read_foreign(dumped(tmp_path, MEI), Asked(camera="cam1"))
 
 
+def test_cameras_in_sections_are_chosen_by_name_and_share_what_stands_above_them(tmp_path):
+    one = {"camera_matrix": K, "D": BENT, "distortion_model": "fisheye"}
+    other = {"camera_matrix": {"rows": 3, "cols": 3, "data": FLAT_K}, "D": {"rows": 1, "cols": 5, "data": BROWN}}
+    path = dumped(tmp_path, {**SIZE, "sky": one, "door": other, "R": np.eye(3).tolist(), "T": [0.1, 0.0, 0.0]})
+    with pytest.raises(CalibrationError, match=r"holds 2 cameras \(sky, door\)"):
+        read_foreign(path)
+    directions = rays(60.0)
+    pixels = by_opencv(cv2.fisheye.projectPoints, directions, BENT)
+    assert same_rays(read_foreign(path, Asked(camera="sky")).camera, pixels, directions)
+    directions = rays(35.0)
+    pixels = by_opencv(cv2.projectPoints, directions, BROWN)
+    assert same_rays(read_foreign(path, Asked(camera="door")).camera, pixels, directions)
+
+
+def test_what_opencv_s_interactive_calibration_writes_is_read(tmp_path):
+    path = tmp_path / "cameraParameters.xml"
+    file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for name, value in (
+        ("calibrationDate", "Tue Mar  3 10:11:12 2026"),
+        ("framesCount", 31),
+        ("cameraMatrix", np.array(K)),
+        ("cameraMatrix_std_dev", np.full((4, 1), 0.3)),
+        ("dist_coeffs", np.array([BROWN])),
+        ("dist_coeffs_std_dev", np.full((5, 1), 0.01)),
+        ("avg_reprojection_error", 0.21),
+    ):
+        file.write(name, value)
+    file.startWriteStruct("cameraResolution", cv2.FileNode_SEQ)  # a cv::Size
+    for side in (640, 480):
+        file.write("", side)
+    file.endWriteStruct()
+    file.release()
+    directions = rays(35.0)
+    assert same_rays(read_foreign(path).camera, by_opencv(cv2.projectPoints, directions, BROWN), directions)
+
+
 @pytest.mark.parametrize(
     ("data", "words"),
     [
@@ -292,6 +350,8 @@ def test_camera_of_a_chain_is_chosen_by_name(tmp_path):
         (b"\x80\x04\x95", "pickle"),
         (b"\xff\xd8\xff\xe0", "a picture"),
         (b"a: [1", "line 1"),
+        (b"; of a camera\n[LEFT_CAM_HD]\nfx=500\nfy=500\n", "an .ini"),
+        (b"Camera-system parameters:\ncam0 (/front):\n    projection: [1 2 3 4] +- [1 1 1 1]\n", "report of Kalibr"),
         (b"- 1\n- 2\n", "a list"),
         (b"", "nothing"),
         (b"k: 1\nk: 2\n", "given twice"),
@@ -321,59 +381,3 @@ def test_messages_of_an_echo_are_one_calibration_and_two_cameras_are_two(tmp_pat
     path.write_text(path.read_text() + path.read_text().replace("322.25", "300.0"))
     with pytest.raises(CalibrationError, match="different documents"):
         read_foreign(path)
-
-
-def imported(path, tmp_path, capsys, *words):
-    code = entry(["calibrate", "fisheye", "--from", str(path), "--work", str(tmp_path), *words])
-    return code, capsys.readouterr()
-
-
-def test_import_tells_how_far_the_rays_reach_and_what_ends_them(tmp_path, capsys):
-    path = dumped(tmp_path, {**FLAT, "distortion_model": "equidistant", "k": [190, 0, 320, 0, 190, 240, 0, 0, 1]})
-    path = dumped(tmp_path, {**json.loads(path.read_text()), "d": [0, 0, 0, 0]})
-    code, told = imported(path, tmp_path, capsys)
-    assert code == 0
-    share = math.pi * (190 * math.pi / 2) ** 2 / (640 * 480)  # the circle, less what its top and bottom lose
-    assert "rays reach 90.0° off the axis" in told.out
-    assert "--max-angle 90 ends them" in told.out
-    document = json.loads(imported(path, tmp_path, capsys, "--json")[1].out)
-    assert 0.7 < document["rays_share"] < share
-    page = (tmp_path / "fisheye.html").read_text()
-    assert "rays reach 90.0°" in page
-    assert "<svg" in page
-    wider = told.out.split("up to ")[1].split()[0]
-    assert "cover the whole picture" in imported(path, tmp_path, capsys, "--max-angle", wider)[1].out
-
-
-def test_part_that_was_edited_is_judged_as_rig_yaml_is(tmp_path, capsys):
-    assert imported(dumped(tmp_path, MEI), tmp_path, capsys)[0] == 0
-    part = tmp_path / "fisheye.part.yaml"
-    assert fisheye_of(tmp_path).size_px == (640, 480)
-    part.write_text(part.read_text().replace("fy: 421.0", "fy: 42.1"))
-    with pytest.raises(CalibrationError, match=r"fisheye\.fy: 42\.1 px does not go with fx"):
-        fisheye_of(tmp_path)
-
-
-def test_import_tells_where_coefficients_fold(tmp_path, capsys):
-    path = dumped(tmp_path, {**FLAT, "distortion_model": "equidistant", "d": [-0.5, 0.0, 0.0, 0.0]})
-    out = imported(path, tmp_path, capsys)[1].out
-    reach = math.degrees(math.sqrt(1.0 / 1.5))
-    assert f"rays reach {0.999 * reach:.1f}°" in out
-    assert "where the model's own coefficients end it" in out
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (("--max-angle", "0"), "--max-angle 0"),
-        (("--max-angle", "nan"), "--max-angle nan"),
-        (("--size", "640"), "--size 640"),
-        (("--live",), "not both"),
-        (("--max-angle", "8"), "of another resolution"),
-    ],
-)
-def test_import_refuses_what_is_asked_in_vain(tmp_path, capsys, words, said):
-    code, told = imported(dumped(tmp_path, MEI), tmp_path, capsys, *words)
-    assert code != 0
-    assert said in told.err
-    assert not (tmp_path / "fisheye.part.yaml").exists()

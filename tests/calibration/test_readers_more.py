@@ -56,6 +56,22 @@ def slam(name, kind, names, values):
     return {"Camera.type": kind, **SLAM, **{f"{name}.{key}": value for key, value in lens.items()}}
 
 
+def splined(model, bent):
+    """As mrcal writes it."""
+    return f"""# 'lensmodel': 'LENSMODEL_CAHVOR', as it was
+{{
+    'lensmodel':  'LENSMODEL_{model}',
+    # fx fy cx cy
+    'intrinsics': [ {FX}, {FY}, {CX},
+                    {", ".join(map(str, (CY, *bent)))},],
+    'extrinsics': [ 0., 0., 0., 1., 2., 3.,],
+    'imagersize': [ 640, 480,],
+    'icam_intrinsics': 0,
+    'optimization_inputs': b'{{X*y:',
+}}
+"""
+
+
 FLAT = [
     slam("Camera", "PinHole", "k1 k2 p1 p2 k3", BROWN),
     {**TRANSFORMS, "camera_model": "OPENCV", "frames": [{"file_path": "a.png"}], **named("k1 k2 p1 p2 k3", BROWN)},
@@ -68,6 +84,8 @@ FLAT = [
         intrinsics={**PINHOLE, **named("k1 k2 p1 p2 k3 k4 k5 k6 rpmax", (*BROWN, 0, 0, 0, 2.0))},
     ),
     f"# Camera list\n1 FULL_OPENCV 640 480 {FX} {FY} {CX + 0.5} {CY + 0.5} {' '.join(map(str, BROWN))} 0 0 0\n",
+    splined("OPENCV5", BROWN),
+    splined("OPENCV12", (*BROWN, *[0.0] * 7)),
     f"""% Focal length:
 fc = [ {FX} ; {FY} ];
 cc = [ {CX} ; {CY} ];
@@ -187,6 +205,13 @@ def test_ucm_of_basalt_is_the_unified_model(tmp_path):
         ({**SLAM, **{f"Camera.{key}": value for key, value in PINHOLE.items()}}, r"Camera\.type: missing"),
         (slam("Camera1", "PinHole", "k1", (0.1,)) | slam("Camera2", "PinHole", "k1", (0.1,)), "Camera1, Camera2"),
         ("1 FOV 640 480 300 300 320 240 0.9\n", "FOV of COLMAP has no counterpart"),
+        (splined("SPLINED_STEREOGRAPHIC_order=3_Nx=30_Ny=20_fov_x_deg=170", BROWN), "SPLINED.* has no counterpart"),
+        (splined("OPENCV8", BROWN), "intrinsics: 9 numbers; OPENCV8 of mrcal has 12"),
+        (splined("OPENCV8", (*BROWN, 0.2, 0, 0)), "coefficient 6 is 0.2"),
+        (splined("OPENCV5", ("x", *BROWN[1:])), "'x' is no number"),
+        (splined("OPENCV5", BROWN).replace("640, 480", "640"), "instead of width and height"),
+        (splined("OPENCV5", BROWN) * 2, "lensmodel: 2 of them"),
+        ("1 PINHOLE 640 480 300 300 320 240\n2 PINHOLE 640 480 nan 300 320 240\n", "line 2: no camera of COLMAP"),
         ("1 PINHOLE 640 480 300 320 240\n", "3 numbers instead of fx fy cx cy"),
         ("1 PINHOLE 640 480 300 300 320 240\n2 PINHOLE 640 480 300 300 320 240\n", "holds 2 cameras"),
         ("#polynomial coefficients for the DIRECT mapping function (ocam_model.ss)\n\n5 -1 0 0 0 0\n", "OCamCalib"),

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
+
 from ptzd.calibration.foreign.described import Described
 from ptzd.calibration.foreign.fields import Fields
 from ptzd.calibration.foreign.matrices import image_size
 from ptzd.errors import CalibrationError
 
 _COUNTS = {"pinhole": 4, "omni": 5, "eucm": 6}
+_OF_LENS = re.compile(r"(?i).*(_parameters|distort|lens|model|skew|scale|resize|binning|crop).*|alpha|beta|xi|[kp]\d")
+"""What a file of camodocal may say of the lens outside its sections; VINS's `fisheye: 1` is a mask."""
 _UCM = "calibrate with omni-radtan or pinhole-equi"
 
 
@@ -87,6 +91,9 @@ def camodocal(fields: Fields) -> Described:
         raise CalibrationError(
             f"model_type {kind.upper()} has no counterpart here; calibrate with MEI or KANNALA_BRANDT"
         )
+    for key in fields.values:
+        if not _OF_LENS.fullmatch(key):
+            fields.find(key)  # of the estimator, whose settings VINS keeps in the same file
     return Described(
         source=f"camodocal, {kind.upper()}",
         model=model,

@@ -16,6 +16,11 @@ from ptzd.geometry.types import CameraModel
 from ptzd.geometry.unified import UnifiedCamera
 
 MODELS = ("unified", "kannala_brandt", "perspective")
+COPY = (
+    "if the lens is of OpenCV's models, write image_width, image_height, camera_matrix, distortion_coefficients and, "
+    "for its fisheye, fisheye_model: 1 into a .yaml; else calibrate with `ptzd calibrate fisheye PICTURES`"
+)
+"""What to do with a file whose form is not read here."""
 _ORDER = {
     "unified": ("k1", "k2", "p1", "p2"),
     "kannala_brandt": ("k1", "k2", "k3", "k4"),

@@ -13,11 +13,12 @@ LARGEST = 1e6
 """Of any number of a lens: px, or a coefficient."""
 _ASIDE = re.compile(
     r"""(?ix) header | seq | stamp | frame_id | secs | nsecs | .*time.* | .*date.* | rate_hz | t_.* | r | p
+    | (?-i:R[12]|[TEQ])
     | rvecs? | tvecs? | .*rectif.* | projection_matrix | new_?camera_?(matrix|mtx) | optimal_?camera_?matrix
     | board.* | square.* | marker.* | pattern.* | grid.* | nr_of_.* | n_?frames | num_.* | n_?(views|images|pictures)
     | flags | aspect_?ratio | fix_.*
     | .*err(or)?s?(_.*)? | ret | rms.* | reproj.* | per_?view.* | extrinsics?(_.*)? | .*_points
-    | cam_overlaps | frames | .*vignette.* | std_?dev.* | .*covariance.* | sensor_type | comment | version"""
+    | cam_overlaps | frames(count)? | .*vignette.* | .*std_?dev.* | .*covariance.* | sensor_type | comment | version"""
 )
 """What calibrations say besides the lens: when and how it was made, how well it fits, where the camera stood, and the
 rectified picture (R, P), which is not the one that is streamed."""

@@ -61,6 +61,8 @@ def pinhole(value: object, path: str) -> tuple[float, float, float, float, float
     rows, columns, data = matrix(value, path)
     if (rows, columns) not in ((3, 3), (1, 9)):
         raise CalibrationError(f"{path}: {rows}×{columns} numbers instead of the 3×3 of a camera matrix")
+    if not any(data):
+        raise CalibrationError(f"{path}: all zero; the driver that wrote it has no calibration")
     fx, skew, cx, low, fy, cy, left, below, one = data
     if (cx, cy) == (0.0, 0.0) and one == 1.0 and left > 0.0 and below > 0.0:
         raise CalibrationError(f"{path}: transposed, with the principal point in the last row; write it row by row")
@@ -71,7 +73,7 @@ def pinhole(value: object, path: str) -> tuple[float, float, float, float, float
 
 def image_size(fields: Fields) -> tuple[int, int] | None:
     """Width and height, however they are called; None when they are not given."""
-    pair = fields.find("image_size", "imageSize", "img_size", "resolution")
+    pair = fields.find("image_size", "imageSize", "img_size", "resolution", "cameraResolution")
     width = fields.find("image_width", "width", "img_width", "imageWidth", "w")
     height = fields.find("image_height", "height", "img_height", "imageHeight", "h")
     if (width is None) != (height is None):

@@ -1,11 +1,12 @@
-"""Calibrations as lines of text: COLMAP's cameras.txt, Bouguet's Calib_Results.m; and those that cannot be read."""
+"""Calibrations as text of their own: COLMAP's cameras.txt, mrcal, Bouguet's; and those that cannot be read."""
 
 from __future__ import annotations
 
 import re
 
-from ptzd.calibration.foreign.described import Described, chosen
+from ptzd.calibration.foreign.described import COPY, Described, chosen
 from ptzd.calibration.foreign.fields import number
+from ptzd.calibration.foreign.matrices import pair_of
 from ptzd.calibration.foreign.rigs import CORNER_PX
 from ptzd.errors import CalibrationError
 
@@ -21,6 +22,27 @@ _LENSES = {
     "SIMPLE_RADIAL_FISHEYE": ("kannala_brandt", "f cx cy k1"),
     "RADIAL_FISHEYE": ("kannala_brandt", "f cx cy k1 k2"),
 }
+_MRCAL = {"PINHOLE": 4, "OPENCV4": 8, "OPENCV5": 9, "OPENCV8": 12, "OPENCV12": 16}
+"""Lens models of mrcal that are OpenCV's, and how many numbers each has."""
+_REFUSED = (
+    (
+        re.compile(r"polynomial coefficients for the DIRECT mapping|ocam_model\.ss"),
+        "of OCamCalib, whose polynomial has no counterpart here; calibrate the same pictures with "
+        "`ptzd calibrate fisheye PICTURES`, or with OpenCV's fisheye or omnidir",
+    ),
+    (
+        re.compile(r"^\[image\]\s*$[\s\S]*^camera matrix", re.MULTILINE),
+        "the ost.txt of ROS; give the ost.yaml beside it, which names the model",
+    ),
+    (
+        re.compile(r"^\s*Camera-system parameters:", re.MULTILINE),
+        "the report of Kalibr; give the camchain.yaml beside it, which names the model and the size",
+    ),
+    (
+        re.compile(r"\A(?:\s*[#;].*\n)*\s*\[[^\]\n,]+\]\s*\n\s*\w+\s*="),
+        f"an .ini or .toml, which is not read here; {COPY}",
+    ),
+)
 _ORDER = {
     "perspective": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
     "kannala_brandt": ("k1", "k2", "k3", "k4"),
@@ -36,17 +58,22 @@ def table(text: str, camera: str | None) -> tuple[str | None, Described] | None:
     CalibrationError
         When its model has no counterpart here.
     """
-    if "polynomial coefficients for the DIRECT mapping" in text or "ocam_model.ss" in text:
-        raise CalibrationError(
-            "of OCamCalib, whose polynomial has no counterpart here; calibrate the same pictures with "
-            "`ptzd calibrate fisheye PICTURES`, or with OpenCV's fisheye or omnidir"
-        )
-    if re.search(r"^\[image\]\s*$", text, re.MULTILINE) and "camera matrix" in text:
-        raise CalibrationError("the ost.txt of ROS; give the ost.yaml beside it, which names the model")
+    for form, words in _REFUSED:
+        if form.search(text):
+            raise CalibrationError(words)
+    if re.search(r"^\s*['\"]lens_?model['\"]\s*:", text, re.MULTILINE):
+        return None, _mrcal(text)
     if re.search(r"^\s*fc\s*=\s*\[", text, re.MULTILINE):
         return None, _bouguet(text)
     lines = _COLMAP.findall(text)
-    return _colmap(lines, camera) if lines else None
+    if not lines:
+        return None
+    for count, line in enumerate(text.splitlines(), start=1):
+        if line.strip() and not line.lstrip().startswith("#") and not _COLMAP.fullmatch(line):
+            raise CalibrationError(
+                f"line {count}: no camera of COLMAP (CAMERA_ID MODEL WIDTH HEIGHT PARAMS), as others are"
+            )
+    return _colmap(lines, camera)
 
 
 def _colmap(lines: list[tuple[str, ...]], camera: str | None) -> tuple[str | None, Described]:
@@ -68,6 +95,35 @@ def _colmap(lines: list[tuple[str, ...]], camera: str | None) -> tuple[str | Non
         cx=values["cx"] - CORNER_PX,
         cy=values["cy"] - CORNER_PX,
         coefficients=tuple(values.get(key, 0.0) for key in _ORDER[kind]),
+    )
+
+
+def _mrcal(text: str) -> Described:
+    """A .cameramodel; pixels count as in OpenCV."""
+    text = re.sub(r"^\s*#.*$", "", text, flags=re.MULTILINE)
+    found: dict[str, str] = {}
+    for key in ("lens_?model", "intrinsics", "imagersize"):
+        values = re.findall(rf"""['"]{key}['"]\s*:\s*(?:['"\[(]+)([^'"\])]*)""", text)
+        if len(values) != 1:
+            raise CalibrationError(f"{key.replace('_?', '')}: {len(values)} of them; a .cameramodel of mrcal has one")
+        found[key] = values[0]
+    model = found["lens_?model"].removeprefix("LENSMODEL_")
+    if model not in _MRCAL:
+        raise CalibrationError(f"lensmodel {model} of mrcal has no counterpart here; calibrate with LENSMODEL_OPENCV5")
+    given = [_number(word, "intrinsics") for word in re.split(r"[\s,]+", found["intrinsics"].strip(" ,\n")) if word]
+    size = [_number(word, "imagersize") for word in re.split(r"[\s,]+", found["imagersize"].strip(" ,\n")) if word]
+    if len(given) != _MRCAL[model]:
+        raise CalibrationError(f"intrinsics: {len(given)} numbers; {model} of mrcal has {_MRCAL[model]}")
+    fx, fy, cx, cy, *extra = given
+    return Described(
+        source=f"mrcal {model}",
+        model="perspective",
+        size_px=pair_of(size, "imagersize"),
+        fx=fx,
+        fy=fy,
+        cx=cx,
+        cy=cy,
+        coefficients=tuple(extra),
     )
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 from xml.etree import ElementTree
 
+from ptzd.calibration.foreign.described import COPY
 from ptzd.documents import DEEPEST, DocumentError, parse_yaml, read_text
 from ptzd.errors import CalibrationError
 
@@ -61,7 +62,7 @@ def plain_values(text: str) -> Mapping[str, Any]:
         return _xml(text)
     values = _json(text) if start == "{" else _yaml(text)
     if not isinstance(values, dict):
-        raise CalibrationError(f"holds {_kind(values)}, not the named values of a calibration")
+        raise CalibrationError(f"holds {_kind(values)}, not the named values of a calibration; {COPY}")
     return {str(key): value for key, value in values.items()}
 
 
@@ -126,7 +127,7 @@ def _xml(text: str) -> Mapping[str, Any]:
     except ElementTree.ParseError as error:
         raise CalibrationError(f"not XML: {error}") from None
     if root.tag != "opencv_storage":
-        raise CalibrationError(f"XML, but not of OpenCV: <{root.tag}> instead of <opencv_storage>")
+        raise CalibrationError(f"XML, but not of OpenCV: <{root.tag}> instead of <opencv_storage>; {COPY}")
     return {str(key): value for key, value in _children(root, 0).items()}
 
 
