@@ -7,13 +7,15 @@ import logging
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
 from ptzd.control.states import State
-from ptzd.model import Outcome
+from ptzd.model import REFUSED, Outcome
 
 _log = logging.getLogger("ptzd")
 _GOOD = frozenset({Outcome.LOCKED, Outcome.RELEASED, Outcome.CANCELLED, Outcome.PREEMPTED})
 REFUSALS = 10
 """Lines about refusals within :data:`REFUSALS_NS`; what is beyond is counted and told afterwards."""
 REFUSALS_NS = 10_000_000_000
+STILL_NS = 5_000_000_000
+"""Without a foreign motion for so long, the next one is told again."""
 
 
 class Narrator:
@@ -23,6 +25,7 @@ class Narrator:
         self._state = ""
         self._since_ns = 0
         self._refusals = 0
+        self._moved_ns: int | None = None
 
     def seen(self, sequence: int, event: ev.Event, commands: list[cmd.Command]) -> None:
         """Look at one step."""
@@ -35,12 +38,12 @@ class Narrator:
                 _log.info("%s is well", event.device, extra={"device": event.device})
             case ev.RequestReceived() if any(isinstance(command, cmd.PinFrame) for command in commands):
                 _log.info("request %s accepted", event.id, extra={"request": event.id})
-            case ev.PayloadRefused(token=None):
+            case ev.PayloadRefused(token=None) if not any(isinstance(told, cmd.PublishResult) for told in commands):
                 self._refused(event.t_ns, event.field, event.message, event.code)
             case ev.MatchFailed():
                 _log.warning("match %d failed: %s", event.match_id, event.reason)
             case ev.ForeignMotion():
-                _log.warning("somebody else moves the camera", extra={"device": ev.Device.PTZ})
+                self._moved(event.t_ns)
             case ev.UpdateReceived(token=None) | ev.CancelReceived(token=None):
                 self._unheard(event, commands)
             case _:
@@ -52,6 +55,8 @@ class Narrator:
         match command:
             case cmd.ReplyRefused():
                 self._refused(t_ns, command.field, command.message, command.code)
+            case cmd.PublishResult() if command.outcome in REFUSED:
+                self._refused(t_ns, command.id, command.reason, command.outcome)
             case cmd.PublishResult():
                 level = logging.INFO if command.outcome in _GOOD else logging.WARNING
                 text = "request %s: %s after %.1f s: %s"
@@ -65,19 +70,25 @@ class Narrator:
             case _:
                 pass
 
+    def _moved(self, t_ns: int) -> None:
+        """Somebody at a joystick is told with every position; a motion that goes on is one piece of news."""
+        if self._moved_ns is None or t_ns - self._moved_ns > STILL_NS:
+            _log.warning("somebody else moves the camera", extra={"device": ev.Device.PTZ})
+        self._moved_ns = t_ns
+
     def _unheard(self, event: ev.UpdateReceived | ev.CancelReceived, commands: list[cmd.Command]) -> None:
         """A put that was refused: what the feedback says, for the journal."""
         for command in commands:
             if isinstance(command, cmd.PublishFeedback) and command.id == event.id and command.step == "note":
                 self._refused(event.t_ns, "$", f"{event.id}: {command.detail.get('text', '')}", "put")
 
-    def _refused(self, t_ns: int, field: str, message: str, code: str) -> None:
+    def _refused(self, t_ns: int, what: str, message: str, code: str) -> None:
         """Whoever sends nonsense by the thousand must not fill the journal."""
         if not self._refusals:
             self._since_ns = t_ns
         self._refusals += 1
         if self._refusals <= REFUSALS:
-            _log.warning("refused: %s: %s (%s)", field, message, code)
+            _log.warning("refused: %s: %s (%s)", what, message, code)
 
     def _tell_untold(self, t_ns: int) -> None:
         if not self._refusals or t_ns - self._since_ns < REFUSALS_NS:

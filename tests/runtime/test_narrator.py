@@ -43,6 +43,16 @@ def test_foreign_motion_is_a_warning(lines) -> None:
     assert lines(ev.ForeignMotion(t_ns=1, reading=reading)) == [(logging.WARNING, "somebody else moves the camera")]
 
 
+def test_a_foreign_motion_that_goes_on_is_told_once_and_the_next_one_again(lines) -> None:
+    def moved(t_s: float) -> list[tuple[int, str]]:
+        reading = HeadReading(pan_deg=t_s, tilt_deg=0, zoom=1)
+        return lines(ev.ForeignMotion(t_ns=round(t_s * 1e9), reading=reading))
+
+    assert [len(moved(k / 10)) for k in range(600)] == [1] + [0] * 599
+    assert len(moved(59.9 + 4.9)) == 0
+    assert len(moved(59.9 + 4.9 + 5.1)) == 1
+
+
 def test_positions_and_frames_are_no_news(lines) -> None:
     assert lines(QUIET) == []
     assert lines(ev.FrameArrived(t_ns=1, frame=FrameRef(seq=1, t_capture_ns=1))) == []
@@ -62,6 +72,22 @@ def test_a_state_is_told_when_it_changes(lines) -> None:
     assert [text for _, text in lines(QUIET, status("IDLE"))] == ["– → IDLE"]
     assert lines(QUIET, status("IDLE")) == []
     assert lines(QUIET, status("FAULT")) == [(logging.ERROR, "IDLE → FAULT")]
+
+
+@pytest.mark.parametrize("outcome", [Outcome.REJECTED, Outcome.STALE_FRAME])
+def test_refused_puts_that_name_an_id_are_told_once_each_and_a_flood_of_them_counted(lines, outcome: Outcome) -> None:
+    """Their results go out, one for each id, but the journal keeps to its few lines."""
+
+    def put(k: int) -> list[tuple[int, str]]:
+        result = cmd.PublishResult(
+            id=f"junk-{k}", outcome=outcome, reason="$.box: nowhere", label="", elapsed_ms=0, views=0
+        )
+        event = ev.PayloadRefused(t_ns=k, token=None, code="invalid", message="nowhere", field="$.box", id=f"junk-{k}")
+        return lines(event, result)
+
+    shown = [put(k) for k in range(1000)]
+    assert shown[0] == [(logging.WARNING, f"refused: junk-0: $.box: nowhere ({outcome})")]
+    assert sum(map(len, shown)) == 10
 
 
 def refused_put(t_ns: int) -> ev.PayloadRefused:
