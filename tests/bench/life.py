@@ -1,9 +1,9 @@
 """A rig that lives at random: ``python -m tests.bench.life MINUTES [SEED]`` (or ``make life MINUTES=60``).
 
 A simulated rig and the daemon, each a process; clients that request, update, cancel, stop, send home, hold, release,
-read and rotate the log; reloads; every fault of the camera and of the fisheye, cuts and reboots; listeners that stop
-reading. At the end: every accepted request has exactly one result, memory is flat over the last half, every log
-replays. Exit 1 where one of these does not hold.
+read and rotate the log; reloads; every fault of the camera and of the fisheye, cuts and reboots; floods of requests;
+apps that listen or ask and then stop reading. At the end: every accepted request has exactly one result, memory is flat
+over the last half, every log replays. Exit 1 where one of these does not hold.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import tempfile
 import time
 import urllib.error
 from collections import Counter, defaultdict
+from collections.abc import Iterable
 from pathlib import Path
 from statistics import median
 
@@ -27,8 +28,8 @@ import yaml
 from ptzd.bus.client import Client
 from ptzd.bus.messages import RoiResult
 from ptzd.errors import BusError, PtzdError
-from tests.bench.load import listen_and_stall, wait_until_serving
-from tests.bench.site import RIG, LiveRig
+from tests.bench.load import flood, wait_until_serving
+from tests.bench.site import RIG, ROOT, LiveRig
 
 FAULTS: tuple[dict[str, object], ...] = (
     {"kind": "hang", "for_s": 4, "path": "*/ptz.cgi*"},
@@ -45,14 +46,31 @@ FAULTS: tuple[dict[str, object], ...] = (
     {"kind": "truncate", "count": 5},
     {"kind": "corrupt", "count": 3},
     {"kind": "cut", "count": 1},
+    {"kind": "short", "count": 2},
+    {"kind": "guesses"},
+    {"kind": "error_text", "count": 1, "path": "*/ptz.cgi*pan=*"},
     {"kind": "stall", "for_s": 3, "device": "fisheye"},
+    {"kind": "cut", "count": 1, "device": "fisheye"},
+    {"kind": "truncate", "count": 3, "device": "fisheye"},
+    {"kind": "corrupt", "count": 3, "device": "fisheye"},
+    {"kind": "short", "count": 2, "device": "fisheye"},
+    {"kind": "status", "for_s": 3, "status": 503, "device": "fisheye"},
     {"kind": "unplug", "for_s": 5},
     {"kind": "unplug", "for_s": 5, "device": "fisheye"},
     {"kind": "reboot"},
 )
 GROWTH = 0.02
 """Of resident memory from the third quarter to the last: more than this is growth."""
+SLOW = frozenset({"guesses"})
+"""After these the daemon asks a camera only once a minute: not in a short life."""
 QUARTERS = 4
+SETTLED_S = 600.0
+"""A daemon takes up its memory within the first minutes: in a life shorter than this, growth says nothing."""
+STALLS = ("stall", "stall-all", "stall-asking")
+FLOOD_S, FLOOD_HZ = 3.0, 400.0
+KNOWN_S = 500.0
+LONGEST_S = 30.0
+"""From the last request of a flood to its result."""
 
 
 class Life:
@@ -65,26 +83,35 @@ class Life:
         self.refused: Counter[str] = Counter()
         self.accepted: set[str] = set()
         self.results: defaultdict[str, list[str]] = defaultdict(list)
+        """As published."""
+        self.kept: dict[str, str] = {}
+        """Of those whose publication this process missed, on asking."""
         self.memory_kib: list[int] = []
         self._chance = random.Random(seed)
+        self._faults = [fault for fault in FAULTS if seconds >= SETTLED_S or fault["kind"] not in SLOW]
+        self._pace = min(max(seconds / SETTLED_S, 0.1), 1.0)
+        """A short life is an eventful one."""
         self._settings = yaml.safe_load(rig.config.read_text())
         self._names: list[str] = []
+        self._asked: dict[str, float] = {}
         self._stalled: list[subprocess.Popen[bytes]] = []
 
     async def run(self) -> None:
         async with Client.open(self.rig.endpoint, rig=RIG, timeout_s=5.0) as client:
             hearing = asyncio.create_task(self._hear(client))
-            troubling = asyncio.create_task(self._trouble())
-            updating = asyncio.create_task(self._update_fast(client))
+            beside = [
+                asyncio.create_task(work)
+                for work in (self._trouble(), self._stall(), self._update_fast(client), self._flood(client))
+            ]
             try:
                 await self._act(client)
             finally:
-                for task in (troubling, updating):
+                for task in beside:
                     task.cancel()
                 for process in self._stalled:
                     process.send_signal(signal.SIGKILL)
                     process.wait()
-                await asyncio.gather(troubling, updating, return_exceptions=True)
+                await asyncio.gather(*beside, return_exceptions=True)
             await self._end(client)
             hearing.cancel()
             await asyncio.gather(hearing, return_exceptions=True)
@@ -106,6 +133,9 @@ class Life:
                 self.refused[str(code)] += 1
             self.memory_kib.append(self.rig.resident_kib)
             await asyncio.sleep(self._chance.choice((0.05, 0.3, 1.0, 2.0)))
+
+    async def _pause(self, low_s: float, high_s: float) -> None:
+        await asyncio.sleep(self._chance.uniform(low_s, high_s) * self._pace)
 
     async def _one(self, client: Client) -> None:
         chance = self._chance.random()
@@ -138,8 +168,9 @@ class Life:
     async def _request(self, client: Client) -> None:
         name = f"life-{len(self._names)}"
         self._names.append(name)
+        self._asked[name] = time.monotonic()
         if self._chance.random() < 0.1:
-            name = self._chance.choice(self._names)
+            name = self._known()
         accepted = await client.request(
             box=self._box(),
             id=name,
@@ -148,12 +179,16 @@ class Life:
             priority=self._chance.choice((0, 0, 0, 5, 9)),
         )
         self.accepted.add(accepted.id)
-        self.done["request"] += 1
+
+    def _known(self) -> str:
+        """An id that was asked for lately: the daemon still knows how it ended (``queue.results_kept_s``)."""
+        latest = time.monotonic() - KNOWN_S
+        return self._chance.choice([name for name, asked in self._asked.items() if asked > latest])
 
     async def _update_fast(self, client: Client) -> None:
         """A tracker: now and then twenty updates a second for whoever is served."""
         while True:
-            await asyncio.sleep(self._chance.uniform(5, 20))
+            await self._pause(5, 20)
             for _ in range(60):
                 if self._names:
                     try:
@@ -165,21 +200,36 @@ class Life:
 
     async def _trouble(self) -> None:
         while True:
-            await asyncio.sleep(self._chance.uniform(8, 25))
-            fault = dict(self._chance.choice(FAULTS))
+            await self._pause(8, 25)
+            fault = dict(self._chance.choice(self._faults))
             try:
                 await asyncio.to_thread(self.rig.ask_truth, "/truth/fault", fault)
             except (urllib.error.URLError, OSError):
                 self.refused["fault"] += 1
                 continue
             self.done[f"fault {fault.get('device', 'ptz')} {fault['kind']}"] += 1
-            if self._chance.random() < 0.15:
-                self._stalled.append(await asyncio.to_thread(stalled_listener, self.rig.endpoint))
-                self.done["stalled listener"] += 1
+
+    async def _stall(self) -> None:
+        """Apps that stop reading; the last two of them stay."""
+        while True:
+            await self._pause(3, 200)
+            kind = self._chance.choice(STALLS)
+            command = [sys.executable, "-m", "tests.bench.load", kind, self.rig.endpoint, "stalled"]
+            self._stalled.append(subprocess.Popen(command, cwd=ROOT))  # noqa: ASYNC220 - a fork is short
+            self.done[kind] += 1
             for process in self._stalled[:-2]:
                 process.send_signal(signal.SIGKILL)
                 process.wait()
             del self._stalled[:-2]
+
+    async def _flood(self, client: Client) -> None:
+        while True:
+            await self._pause(2, 120)
+            name = f"flood-{self.done['flood']}"
+            self.done["flood"] += 1
+            await asyncio.to_thread(flood, self.rig.endpoint, name, FLOOD_S, FLOOD_HZ, self.accepted.add)
+            await asyncio.sleep(LONGEST_S)
+            await self._ask_for_missed(client, [known for known in self.accepted if known.startswith(f"{name}-")])
 
     def _reload(self) -> None:
         document = json.loads(json.dumps(self._settings))
@@ -210,11 +260,19 @@ class Life:
                 pass
             await asyncio.sleep(1.0)
         await asyncio.sleep(3.0)
-        for name in sorted(self.accepted - self.results.keys()):
+        await self._ask_for_missed(client, self.accepted)
+
+    async def _ask_for_missed(self, client: Client, names: Iterable[str]) -> None:
+        """Results are kept for ten minutes, for whoever missed that they were published."""
+        for name in sorted(set(names) - self.results.keys() - self.kept.keys()):
             try:
-                self.results[name].append(str((await client.result(name, timeout_s=5.0)).outcome))
+                self.kept[name] = str((await client.result(name, timeout_s=5.0)).outcome)
             except BusError:
                 continue
+
+    def told(self, name: str) -> list[str]:
+        """The results of one request."""
+        return self.results.get(name) or [self.kept[name] for _ in range(name in self.kept)]
 
     def growth(self) -> float:
         """Share by which memory rose from the third quarter to the last."""
@@ -226,24 +284,22 @@ class Life:
     def faults(self) -> list[str]:
         """What does not hold."""
         wrong = [
-            f"{name}: {len(self.results[name])} results: {', '.join(self.results[name])}"
+            f"{name}: {len(self.told(name))} results: {', '.join(self.told(name))}"
             for name in sorted(self.accepted)
-            if len(self.results[name]) != 1
+            if len(self.told(name)) != 1
         ]
-        if self.growth() > GROWTH:
+        if self.seconds >= SETTLED_S and self.growth() > GROWTH:
             wrong.append(f"memory grew by {self.growth():.1%} over the last half")
         return wrong
-
-
-def stalled_listener(endpoint: str) -> subprocess.Popen[bytes]:
-    """A process that listens to pictures and then reads no more."""
-    return subprocess.Popen([sys.executable, "-m", "tests.bench.life", "stall", endpoint])
 
 
 def replays(folder: Path) -> list[str]:
     """Files of the log that do not replay the same."""
     wrong = []
-    for path in sorted((folder / "log").glob("*.mcap")):
+    paths = sorted((folder / "log").glob("*.mcap"))
+    if not paths:
+        return ["no log was written"]
+    for path in paths:
         command = [sys.executable, "-m", "ptzd", "replay", str(path)]
         found = subprocess.run(command, capture_output=True, text=True, check=False)
         if found.returncode != 0:
@@ -261,16 +317,18 @@ def main(minutes: float, seed: int = 7) -> int:
             asyncio.run(life.run())
             status = rig.stop_daemon()
         wrong = life.faults() + replays(folder)
+        if not life.accepted:
+            wrong.append("no request was accepted")
         if status != 0:
             wrong.append(f"the daemon's end: exit {status}")
         files = len(list((folder / "log").glob("*.mcap")))
-        outcomes = Counter(outcome for told in life.results.values() for outcome in told)
+        outcomes = Counter(outcome for request in life.accepted for outcome in life.told(request))
         memory = [
             life.memory_kib[min(len(life.memory_kib) - 1, len(life.memory_kib) * n // 8)] // 1024 for n in range(9)
         ]
         print(f"{minutes:g} min, seed {seed}: {dict(sorted(life.done.items()))}")
         print(f"refused: {dict(life.refused)}")
-        print(f"accepted {len(life.accepted)}, results {dict(outcomes)}")
+        print(f"accepted {len(life.accepted)}, results {dict(outcomes)}, of which {len(life.kept)} on asking")
         print(f"memory, MiB over time: {memory}, {life.growth():+.1%} from the third quarter to the last")
         print(f"logs: {files} files replayed")
         for text in wrong:
@@ -283,7 +341,4 @@ def main(minutes: float, seed: int = 7) -> int:
 
 
 if __name__ == "__main__":
-    if sys.argv[1] == "stall":
-        listen_and_stall(sys.argv[2])
-    else:
-        sys.exit(main(float(sys.argv[1]), *(int(value) for value in sys.argv[2:3])))
+    sys.exit(main(float(sys.argv[1]), *(int(value) for value in sys.argv[2:3])))

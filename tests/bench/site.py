@@ -18,6 +18,8 @@ from typing import Any, Self
 import yaml
 
 RIG = "demo"
+ROOT = Path(__file__).parents[2]
+"""From where the benches start themselves as processes."""
 PATIENCE_S = 60.0
 
 
@@ -74,6 +76,8 @@ class LiveRig:
                 except subprocess.TimeoutExpired:
                     process.kill()
                     process.wait()
+        if self._simulator is not None and self._simulator.stdout is not None:
+            self._simulator.stdout.close()
 
     def stop_daemon(self) -> int:
         """End it as a service manager would; returns its exit status."""
