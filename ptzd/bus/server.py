@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
 from contextlib import AsyncExitStack
 from types import TracebackType
@@ -57,9 +58,13 @@ from ptzd.control.wording import scaled
 from ptzd.model import REFUSED
 from ptzd.ports import Clock
 
+LOGGER = logging.getLogger(__name__)
+
 ANSWER_WITHIN_S = 2.0
 """Latest answer to a query, as interface.md promises."""
 STATUS_EVERY_S = 1.0
+DROPPED_TOLD_NS = 10_000_000_000
+"""Between two lines about messages that found no room."""
 PENDING_LIMIT = 256
 """Queries that may wait for their answer at once."""
 
@@ -103,6 +108,8 @@ class ZenohBus:
         self._log_reference = log_reference
         self._status_extra = status_extra
         self._metric = True
+        self._dropped_told = 0
+        self._tell_dropped_ns = 0
 
     async def __aenter__(self) -> Self:
         """Open the session, declare the keys, show the rig as alive.
@@ -304,7 +311,16 @@ class ZenohBus:
     async def _repeat_status(self) -> None:
         while True:
             self._publish_status()
+            self._tell_dropped()
             await asyncio.sleep(STATUS_EVERY_S)
+
+    def _tell_dropped(self) -> None:
+        """A flood leaves a line now and then, for a put that found no room has no answer."""
+        dropped, now_ns = self.counters()["dropped"] - self._dropped_told, self._clock.now_ns()
+        if dropped and now_ns >= self._tell_dropped_ns:
+            LOGGER.warning("bus: %d messages found no room; queries were told busy, puts are lost: a flood?", dropped)
+            self._dropped_told += dropped
+            self._tell_dropped_ns = now_ns + DROPPED_TOLD_NS
 
     def _put(self, key: str, document: object, message: str) -> None:
         # Per-request keys are put on the session: declaring a publisher per id would never be given back by Zenoh.

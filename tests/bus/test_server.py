@@ -198,13 +198,17 @@ async def test_five_thousand_requests_are_bounded_and_each_is_answered(bus, raw,
     assert (await client.status()).state == "STARTING"
 
 
-async def test_flood_of_puts_is_bounded_and_counted(bus, raw, client):
+async def test_flood_of_puts_is_bounded_counted_and_told_once(bus, raw, client, caplog):
     for n in range(5000):
         put(raw, "ptzd/hall/roi", body(id=f"r{n}"))
         put(raw, f"ptzd/hall/roi/r{n % 3}/update", json.dumps({"box": GOOD["box"]}).encode())
     await client.status()
     assert len(bus._events._events) <= 64
     assert bus.counters()["dropped"] > 4000
+    bus._tell_dropped()
+    bus._tell_dropped()
+    told = [record.getMessage() for record in caplog.records if "found no room" in record.getMessage()]
+    assert len(told) == 1
 
 
 async def test_result_is_published_kept_and_found_by_wildcard(bus, raw, client, result):
