@@ -30,6 +30,9 @@ Share = Annotated[float, Meta(ge=0.05, le=0.95)]
 Probability = Annotated[float, Meta(ge=0, le=1)]
 Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9._-]{1,64}$(?!\n)")]
 Interval = tuple[float, float]
+Angle = Annotated[float, Meta(ge=-720, le=720)]
+ZoomUnit = Annotated[float, Meta(ge=0, le=100_000)]
+FARTHEST_M = 1e6
 
 
 class Part(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -112,9 +115,9 @@ class Ptz(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
 class Limits(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Where the head may go, in the camera's own units; intersected with the camera's own limits."""
 
-    pan_deg: Interval = (-180.0, 180.0)
-    tilt_deg: Interval = (-90.0, 90.0)
-    zoom: Interval = (1.0, 9999.0)
+    pan_deg: tuple[Angle, Angle] = (-180.0, 180.0)
+    tilt_deg: tuple[Angle, Angle] = (-90.0, 90.0)
+    zoom: tuple[ZoomUnit, ZoomUnit] = (1.0, 9999.0)
 
 
 class Home(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -316,8 +319,11 @@ def _check_ranges(config: Config, name: str) -> None:
     for path, (low, high) in intervals.items():
         if low >= high:
             raise ConfigError(f"{name}: {path}: the first value must be below the second, got {low}, {high}")
-    if config.search.range_m[0] <= 0:
-        raise ConfigError(f"{name}: search.range_m: the nearest range must be above 0, got {config.search.range_m[0]}")
+    near, far = config.search.range_m
+    if near <= 0:
+        raise ConfigError(f"{name}: search.range_m: the nearest range must be above 0, got {near}")
+    if near < 1 / FARTHEST_M or (far > FARTHEST_M and not math.isinf(far)):
+        raise ConfigError(f"{name}: search.range_m: {near:g} to {far:g} is beyond {1 / FARTHEST_M:g} to {FARTHEST_M:g}")
     for axis, value in (
         ("pan_deg", config.home.pan_deg),
         ("tilt_deg", config.home.tilt_deg),

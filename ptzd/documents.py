@@ -7,6 +7,7 @@ Python cannot hold. What is wrong is told with its line.
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Hashable
 from pathlib import Path
@@ -46,6 +47,8 @@ class _Loader(yaml.SafeLoader):
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         seen: set[Hashable] = set()
         for key_node, _ in node.value:
+            if key_node.tag == "tag:yaml.org,2002:merge":
+                raise DocumentError(f"{_place(key_node.start_mark)}: merge keys (<<) are not taken; write the keys out")
             key = self.construct_object(key_node, deep=True)
             if not isinstance(key, Hashable):
                 raise DocumentError(f"{_place(key_node.start_mark)}: a key must be a plain word")
@@ -116,6 +119,23 @@ def parse_yaml(text: str) -> object:
         raise DocumentError(f"{place}not YAML: {' '.join(str(error.problem or error).split())}") from None
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise DocumentError(f"not YAML: {' '.join(str(error).split())}") from None
+
+
+def parse_json(text: str) -> object:
+    """Return the plain values of a JSON text; DocumentError as for `parse_yaml`."""
+    try:
+        return json.loads(text, object_pairs_hook=_once)
+    except (ValueError, RecursionError) as error:
+        raise DocumentError(f"not JSON: {' '.join(str(error).split())}") from None
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise DocumentError(f"key {key!r} is given twice")
+        found[key] = value
+    return found
 
 
 def parse_mapping(text: str) -> dict[str, Any]:

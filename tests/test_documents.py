@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import msgspec
 import pytest
 import yaml
@@ -10,7 +12,7 @@ from hypothesis import strategies as st
 
 from ptzd.app.loading import load
 from ptzd.config import Config, parse_config
-from ptzd.documents import DEEPEST, LARGEST_BYTES, DocumentError, parse_mapping, parse_yaml, read_text
+from ptzd.documents import DEEPEST, LARGEST_BYTES, DocumentError, parse_json, parse_mapping, parse_yaml, read_text
 from ptzd.errors import ConfigError
 
 plain = st.recursive(
@@ -68,11 +70,31 @@ def test_an_alias_stands_for_its_value():
         ("a: !!python/object:os.system x", "line 1"),
         ("a: [1, 2", "line"),
         ("\tb: 1", "line 1"),
+        ("a: &a {b: 1}\nc:\n  <<: *a\n", "line 3, column 3: merge keys"),
     ],
 )
 def test_what_nobody_means_is_refused_with_its_line(text, says):
     with pytest.raises(DocumentError, match=says.replace("[", r"\[")):
         parse_yaml(text)
+
+
+@given(plain)
+def test_json_reads_back_the_same(value):
+    assert parse_json(json.dumps(value)) == value
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ('[{"pan_deg": 1, "pan_deg": 2}]', "key 'pan_deg' is given twice"),
+        ("[1,", "not JSON"),
+        ("9" * 5000, "not JSON"),
+        ("[" * 100_000, "not JSON"),
+    ],
+)
+def test_json_that_nobody_means_is_refused(text, says):
+    with pytest.raises(DocumentError, match=says):
+        parse_json(text)
 
 
 @pytest.mark.parametrize("text", ["a: 2024-13-45", "a: 2024-01-01", "a: 2001-12-14t21:59:43.10-05:00"])
@@ -135,6 +157,9 @@ def test_only_the_far_end_of_the_search_may_be_infinite():
     assert parse_config(BASE | {"search": {"range_m": [1.0, float("inf")]}}, "x").search.range_m[1] == float("inf")
     for range_m in ([float("inf"), 2.0], [1.0, float("-inf")]):
         with pytest.raises(ConfigError, match="range_m"):
+            parse_config(BASE | {"search": {"range_m": range_m}}, "x")
+    for range_m in ([1e-9, 2.0], [1.0, 2e6]):
+        with pytest.raises(ConfigError, match="is beyond"):
             parse_config(BASE | {"search": {"range_m": range_m}}, "x")
 
 

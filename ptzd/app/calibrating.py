@@ -21,7 +21,7 @@ from ptzd.calibration.pictures import Boards, read_boards
 from ptzd.calibration.reach import reach_of
 from ptzd.calibration.target import Target
 from ptzd.calibration.views import ViewVerdict
-from ptzd.documents import DocumentError, parse_yaml, read_text
+from ptzd.documents import DocumentError, parse_json, parse_yaml, read_text
 from ptzd.errors import CalibrationError
 from ptzd.geometry.head import Axis, HeadModel
 from ptzd.geometry.sphere import angle_between
@@ -65,10 +65,10 @@ class Outcome:
 def read_shots(path: Path) -> tuple[Shot, ...]:
     """Read a list of PTZ pictures; image paths are relative to it."""
     try:
-        shots = msgspec.json.decode(path.read_bytes(), type=tuple[Shot, ...])
+        shots = msgspec.convert(parse_json(read_text(path)), tuple[Shot, ...])
     except OSError as error:
         raise CalibrationError(f"{path}: {error.strerror}; give the list of pictures with their angles") from None
-    except msgspec.DecodeError as error:
+    except (DocumentError, msgspec.ValidationError) as error:
         raise CalibrationError(f"{path}: {error}; expected a list of image, pan_deg, tilt_deg, zoom") from None
     if not shots:
         raise CalibrationError(f"{path}: no pictures; take some with `ptzd calibrate capture`")

@@ -19,6 +19,7 @@ from ptzd.control.admission import check_box
 from ptzd.control.planning.decision import Decision, Thresholds, Verdict, decide, direction_sigma_rad
 from ptzd.control.planning.views import ScanPlan, plan_views
 from ptzd.control.wording import range_in_words, scaled
+from ptzd.documents import DocumentError, parse_json, read_text
 from ptzd.errors import DeviceGarbled, PtzdError, RequestRefused
 from ptzd.geometry.arc import EpipolarArc
 from ptzd.geometry.rig import Rig
@@ -234,10 +235,10 @@ def _read_grey(path: Path, size_px: tuple[int, int], what: str) -> NDArray[np.ui
 
 def _read_views(path: Path) -> tuple[View, ...]:
     try:
-        views = msgspec.json.decode(path.read_bytes(), type=tuple[View, ...])
+        views = msgspec.convert(parse_json(read_text(path)), tuple[View, ...])
     except OSError as error:
         raise DataError(f"{path}: {error.strerror}") from None
-    except msgspec.DecodeError as error:
+    except (DocumentError, msgspec.ValidationError) as error:
         raise DataError(f"{path}: {error}; expected a list of image, pan_deg, tilt_deg, zoom") from None
     if not views:
         raise DataError(f"{path}: no views; give at least one")

@@ -74,6 +74,7 @@ def replay(
             recorded=(recorded_rig, recorded_config) if recompute or what_if else None,
             matcher=ThreadPerception(rig).match_now if recompute else None,
             tolerance=tolerance,
+            untouched=EXACT if tolerance is EXACT else ROUNDING,
             advanced=advanced,
         ).run()
     changed = [str(other) for other in (config_path, calibration_path) if other is not None]

@@ -120,6 +120,8 @@ class Player:
         With it every match is run again on the recorded bytes, and the core is driven with the new results.
     tolerance : Tolerance
         What counts as equal.
+    untouched : Tolerance, optional
+        The same for decisions of a request before any of its matches was computed anew; without it, the same.
     advanced : callable
         Told of every event's time, for a progress bar.
     """
@@ -133,6 +135,7 @@ class Player:
         recorded: tuple[Rig, Config] | None = None,
         matcher: Matcher | None = None,
         tolerance: Tolerance = EXACT,
+        untouched: Tolerance | None = None,
         advanced: Callable[[int], None] = lambda t_ns: None,
     ) -> None:
         self._reader = reader
@@ -141,6 +144,8 @@ class Player:
         self._recorded = recorded
         self._matcher = matcher
         self._tolerance = tolerance
+        self._untouched = tolerance if untouched is None else untouched
+        self._touched: set[str] = set()
         self._advanced = advanced
         self._machine: Machine | None = None
         self._reference: Machine | None = None
@@ -245,6 +250,7 @@ class Player:
         finally:
             self._replay.reading_s += time.perf_counter() - before
         self._replay.matches += 1
+        self._touched.add(job.request_id)
         try:
             result = self._matcher(job, fisheye, view)
         except PtzdError as error:
@@ -262,7 +268,8 @@ class Player:
             one = recorded[index] if index < len(recorded) else None
             other = replayed[index] if index < len(replayed) else None
             request = self._request_of(one, step) or self._request_of(other, step)
-            found = differences(type(one or other).__name__, one, other, self._tolerance)
+            tolerance = self._tolerance if request in self._touched else self._untouched
+            found = differences(type(one or other).__name__, one, other, tolerance)
             if kind(one) != kind(other):
                 self._differ(step, request, found[0][0], kind(one), kind(other), parts=True)
                 return

@@ -201,7 +201,7 @@ async def test_files_that_cannot_be_deleted_are_told(settings, run, clock, snaps
             log.rotate(part, snapshot)
             log.picture(FISHEYE_IMAGE, picture(part, size=600_000))
         await until(lambda: log.rotate_due() and log.stats().messages > 6)
-        monkeypatch.undo()
+    monkeypatch.undo()
     assert "old files stay: Read-only file system" in said(log.closed_files())
 
 
