@@ -11,6 +11,8 @@ from ptzd.model import REFUSED, Outcome
 
 _log = logging.getLogger("ptzd")
 _GOOD = frozenset({Outcome.LOCKED, Outcome.RELEASED, Outcome.CANCELLED, Outcome.PREEMPTED})
+_MESSAGES = (ev.RequestReceived, ev.UpdateReceived, ev.CancelReceived, ev.ControlReceived, ev.PayloadRefused)
+"""What comes from outside, as often as somebody likes."""
 REFUSALS = 10
 """Lines about refusals within :data:`REFUSALS_NS`; what is beyond is counted and told afterwards."""
 REFUSALS_NS = 10_000_000_000
@@ -49,10 +51,14 @@ class Narrator:
             case _:
                 pass
         for command in commands:
-            self._tell(command, event.t_ns)
+            self._tell(command, event)
 
-    def _tell(self, command: cmd.Command, t_ns: int) -> None:
+    def _tell(self, command: cmd.Command, event: ev.Event) -> None:
+        t_ns = event.t_ns
         match command:
+            case cmd.ReplyRefused() if not isinstance(event, _MESSAGES):
+                # what a device did to somebody who waits, say for his stop: never lost among the nonsense of others
+                _log.warning("refused: %s: %s (%s)", command.field, command.message, command.code)
             case cmd.ReplyRefused():
                 self._refused(t_ns, command.field, command.message, command.code)
             case cmd.PublishResult() if command.outcome in REFUSED:

@@ -74,6 +74,16 @@ def test_a_state_is_told_when_it_changes(lines) -> None:
     assert lines(QUIET, status("FAULT")) == [(logging.ERROR, "IDLE → FAULT")]
 
 
+def test_a_stop_that_a_lost_camera_leaves_unconfirmed_is_told_in_the_middle_of_a_flood(lines) -> None:
+    for k in range(1000):
+        lines(refused_put(k))
+    unconfirmed = cmd.ReplyRefused(
+        token=4, code="device_lost", message="the stop is not confirmed: no answer", field="$"
+    )
+    shown = lines(ev.DeviceLost(t_ns=1000, device=ev.Device.PTZ, reason="no answer"), unconfirmed)
+    assert (logging.WARNING, "refused: $: the stop is not confirmed: no answer (device_lost)") in shown
+
+
 @pytest.mark.parametrize("outcome", [Outcome.REJECTED, Outcome.STALE_FRAME])
 def test_refused_puts_that_name_an_id_are_told_once_each_and_a_flood_of_them_counted(lines, outcome: Outcome) -> None:
     """Their results go out, one for each id, but the journal keeps to its few lines."""
