@@ -6,6 +6,7 @@ import hashlib
 import os
 import platform
 from collections.abc import Mapping
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 
@@ -24,7 +25,7 @@ _DISPATCH = ("OPENCV_CPU_DISABLE", "OPENCV_IPP", "NPY_DISABLE_CPU_FEATURES", "OP
 def versions() -> dict[str, str]:
     """Version of everything that takes part in a decision."""
     found = {"ptzd": __version__, "commit": commit() or "unknown", "python": platform.python_version()}
-    return found | {name: metadata.version(name) for name in _PACKAGES}
+    return found | {name: _version(name) for name in _PACKAGES}
 
 
 def fingerprint() -> Mapping[str, str]:
@@ -45,7 +46,13 @@ def fingerprint() -> Mapping[str, str]:
         "opencv_threads": str(cv2.getNumThreads()),
         "blas": f"{blas.get('name', '')} {blas.get('version', '')}",
         "blas_threads": os.environ.get("OPENBLAS_NUM_THREADS", str(len(os.sched_getaffinity(0)))),
-    } | {name: metadata.version(name) for name in _PACKAGES[:3]}
+    } | {name: _version(name) for name in _PACKAGES[:3]}
+
+
+@cache
+def _version(package: str) -> str:
+    """Its version as installed when it was first asked for: what this process has loaded."""
+    return metadata.version(package)
 
 
 def _cpu_model() -> str:

@@ -50,11 +50,13 @@ class Desk:
         if self._answer_repeated(event):
             return None
         try:
+            # first what costs nothing: under a flood most find no room, and the lens' rays take their time
+            self._check_room(event.priority)
             request = admission.admit(event, self.memory, self.work.rig, self.work.config)
-            self._place(request)
         except RequestRefused as refused:
             self.refuse(event.token, refused, event.id)
             return None
+        self._place(request)
         self._pin(request, request.frame)
         return request
 
@@ -179,13 +181,16 @@ class Desk:
             self.refuse(event.token, RequestRefused("ended", message, "$.id"))
         return request is not None or outcome is not None
 
+    def _check_room(self, priority: int) -> None:
+        memory = self.memory
+        waiting = len(memory.waiting)
+        waits = memory.task is not None or memory.head.held or waiting > 0
+        if waits and not self.outranks_served(priority) and waiting >= self.work.config.queue.size:
+            message = f"{waiting} requests are waiting, no more fit; try later or with a higher priority"
+            raise RequestRefused("busy", message, "$.priority")
+
     def _place(self, request: Request) -> None:
         memory = self.memory
-        waiting = memory.waiting
-        waits = memory.task is not None or memory.head.held or bool(waiting)
-        if waits and not self.outranks_served(request.priority) and len(waiting) >= self.work.config.queue.size:
-            message = f"{len(waiting)} requests are waiting, no more fit; try later or with a higher priority"
-            raise RequestRefused("busy", message, "$.priority")
         rank = Rank.REQUEST + request.priority
         claim = Claim(owner=request.id, rank=rank, activity=Scan(task=Task(request=request)))
         memory.claims.insert(sum(1 for other in memory.claims if other.rank >= rank), claim)

@@ -8,6 +8,7 @@ Exit 1 where a limit is missed.
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import subprocess
@@ -135,7 +136,7 @@ def loaded(endpoint: str, crowd: Mapping[str, int]) -> Iterator[None]:
 
 
 def one_stop(rig: LiveRig, session: zenoh.Session, number: int) -> tuple[float, float]:
-    """Seconds until the camera has the stop, and until it is confirmed."""
+    """Seconds until the camera has the stop, and until it is confirmed; infinite when the answer is another."""
     for _ in session.get(f"{PREFIX}/roi", payload=body(f"mine-{time.time_ns()}", hold_s=20, priority=9), timeout=5.0):
         pass
     time.sleep(0.3 + 0.07 * (number % 5))
@@ -147,7 +148,8 @@ def one_stop(rig: LiveRig, session: zenoh.Session, number: int) -> tuple[float, 
     seen_ns = rig.stop_seen_ns(sent_ns)
     if seen_ns is None:
         raise SystemExit("the camera saw no stop")
-    return (seen_ns - sent_ns) / 1e9, (answered_ns - sent_ns) / 1e9
+    confirmed = all(answer.ok is not None for answer in answers)
+    return (seen_ns - sent_ns) / 1e9, (answered_ns - sent_ns) / 1e9 if confirmed else math.inf
 
 
 def measure(rig: LiveRig, stops: int) -> list[tuple[float, float]]:

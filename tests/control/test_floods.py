@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ptzd.control import admission
 from ptzd.control.desk import ENDED_KEPT
 from ptzd.control.states import State
 from ptzd.model import Box
@@ -28,3 +29,13 @@ def test_the_newest_refusals_are_remembered_too(world) -> None:
         world.request(f"junk-{number}", token=None, box=NOWHERE)
     assert world.request("junk-10", token=None, box=NOWHERE) == []
     assert len(world.request("junk-9", token=None, box=NOWHERE)) == 1
+
+
+def test_who_finds_no_room_is_told_so_before_his_box_is_looked_at(world, monkeypatch) -> None:
+    """Looking costs rays of the lens; a flood that costs little leaves the loop to the operator's stop."""
+    for number in range(9):
+        world.request(f"r{number}")
+    monkeypatch.setattr(admission, "check_box", None)
+    for number in range(10):
+        (told,) = world.request(f"late-{number}")
+        assert told.code == "busy"
