@@ -173,3 +173,17 @@ def test_the_clients_time_is_kept_whatever_fails(make_world, timeout_s: float, f
         world.run(0.01)
         assert world.t_ns - begun_ns <= round((timeout_s + 0.01) * SECOND_NS)
     assert world.results()["a"][0].elapsed_ms <= 1000 * timeout_s
+
+
+@pytest.mark.parametrize("late_ms", [0, 20, 200])
+@pytest.mark.parametrize("timeout_s", [1.9, 2.0, 2.05, 2.1, 3.0])
+def test_an_answer_after_the_clients_time_locks_nothing(world, timeout_s: float, late_ms: int) -> None:
+    """The answer may come in before the word that the time is over."""
+    watched(world).request("a", timeout_s=timeout_s, hold_s=1.0)
+    begun_ns, wanted = world.t_ns, world.machine.deadline_ns
+    world.machine.deadline_ns = lambda: None if wanted() is None else wanted() + late_ms * 1_000_000
+    world.run(60.0)
+    (result,) = world.results()["a"]
+    locked = [t_ns - begun_ns for t_ns, step in world.steps if step == "locked"]
+    assert all(after_ns <= timeout_s * SECOND_NS for after_ns in locked)
+    assert result.outcome is (Outcome.LOCKED if locked else Outcome.TIMEOUT)

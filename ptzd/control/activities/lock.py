@@ -219,6 +219,8 @@ class Lock(Activity, kw_only=True, tag="lock"):
 
     def _next_step(self, work: Work) -> Step:
         self.confirmed = True
+        if self.locked_ns is None and (late := out_of_time(work, self.task.request.expires_ns)) is not None:
+            return late
         if self.phase is Phase.CENTRING and self.may_zoom:
             target = self._zoom_wanted(work)
             if abs(target - self.zoom) > work.config.ptz.zoom_tolerance:
