@@ -46,6 +46,10 @@ class Scan(Activity, kw_only=True, tag="scan"):
     matches: list[Looked] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     """What went wrong with single views, and what no view can show."""
+    doubt: str = ""
+    """Why the round before could not decide; empty in the first one."""
+    doubt_probability: float = 0.0
+    """What it gave its best place."""
 
     def state_now(self) -> State:
         """Only the matcher is waited for once every view was taken."""
@@ -88,14 +92,17 @@ class Scan(Activity, kw_only=True, tag="scan"):
         return self._walk_on(work)
 
     def on_match(self, work: Work, view: int, result: MatchResult) -> Step:
-        """Decide at once when the answer is certain, otherwise when all views are in."""
+        """Decide at once when the answer is certain, otherwise when all views are in.
+
+        A closer round compares places that look alike, so that it is never certain before each of them was looked at.
+        """
         self.matches.append(Looked(view=view, result=result))
         best = result.candidates[0].score if result.candidates else 0.0
         work.feedback(self.task.request.id, "match", view=view, score=round(best, 4), candidates=len(result.candidates))
         decision = self._decide(work)
         if decision.outcome is Verdict.NO_TEXTURE:
             return self._refused(decision)
-        certain = decision.probability >= work.config.search.certain_probability
+        certain = not self.doubt and decision.probability >= work.config.search.certain_probability
         return (self._found(decision) if certain else None) or self._conclude(work)
 
     def on_failed(self, work: Work, failure: Failure) -> Step:
@@ -136,13 +143,18 @@ class Scan(Activity, kw_only=True, tag="scan"):
         if self.next_view < len(self.views) or work.looking:
             return None
         if not self.matches:
-            return Over(outcome=Outcome.UNREACHABLE, reason=f"no view could be used: {'; '.join(self.notes)}")
+            return self._still_in_doubt() or Over(
+                outcome=Outcome.UNREACHABLE, reason=f"no view could be used: {'; '.join(self.notes)}"
+            )
         decision = self._decide(work)
+        if decision.outcome is Verdict.FOUND and (doubt := self._still_in_doubt()) is not None:
+            return doubt
         if (found := self._found(decision)) is not None:
             return found
         if decision.outcome is Verdict.AMBIGUOUS and self.round < work.config.search.max_rounds:
             closer = self._closer(work, decision)
             if closer:
+                self.doubt, self.doubt_probability = decision.reason, decision.probability
                 self._set_out(work, closer)
                 return None
         return self._refused(decision)
@@ -159,12 +171,23 @@ class Scan(Activity, kw_only=True, tag="scan"):
         place, probability = decision.best, decision.probability
         return Next(activity=Lock(task=self.task, place=place, probability=probability, wide_zoom=zoom, zoom=zoom))
 
+    def _still_in_doubt(self) -> Over | None:
+        """The end of a closer round that did not see all it was to compare: it proves nothing of what it saw."""
+        if not self.doubt or len(self.matches) == len(self.views):
+            return None
+        seen = f"{len(self.matches)} of {len(self.views)} closer views could be used"
+        reason = "; ".join([self.doubt, seen, *self.notes])
+        return Over(outcome=Outcome.AMBIGUOUS, reason=reason, probability=self.doubt_probability)
+
     def _refused(self, decision: Decision) -> Over:
         reason = "; ".join([decision.reason, *self.notes])
         return Over(outcome=Outcome(decision.outcome.value), reason=reason, probability=decision.probability)
 
     def _closer(self, work: Work, decision: Decision) -> list[HeadReading]:
-        """Views of a closer round: around each of the rival places, with half the field of view."""
+        """Views of a closer round: around each of the rival places, with half the field of view.
+
+        Empty when one of them cannot be shown so: without it the others would win for want of a rival.
+        """
         request = self.task.request
         places = [] if decision.best is None else [decision.best, *(rival.candidate for rival in decision.rivals)]
         alike = [place for place in places if place.score >= RIVAL_SHARE * places[0].score]
@@ -175,7 +198,12 @@ class Scan(Activity, kw_only=True, tag="scan"):
         views: list[HeadReading] = []
         for place in alike:
             near = neighbourhood(work.rig, request, place.inverse_range, NEIGHBOURHOOD_PX)
-            views += _poses(_plan(work, request, near, hfov))
+            plan = _plan(work, request, near, hfov)
+            if not plan.views or any(first <= place.inverse_range <= last for first, last in plan.unreachable):
+                pose = f"pan {math.degrees(place.pan_rad):.2f}°, tilt {math.degrees(place.tilt_rad):.2f}°"
+                self.notes.append(f"no pose within the head's limits gives a closer look at the place at {pose}")
+                return []
+            views += _poses(plan)
         return views
 
 
