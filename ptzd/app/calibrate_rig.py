@@ -168,7 +168,14 @@ def scene_pairs(
 
 
 def rig_from_scene(
-    shots_path: Path, fisheye_path: Path, work: Path, out: Path, say: Say, *, limit_rad: float = math.inf
+    shots_path: Path,
+    fisheye_path: Path,
+    work: Path,
+    out: Path,
+    say: Say,
+    *,
+    limit_rad: float = math.inf,
+    seed: int = 1,
 ) -> SceneResult:
     """rig.yaml with |T| = 1 from features of the scene; the fisheye too when the work folder has none.
 
@@ -187,7 +194,7 @@ def rig_from_scene(
     pairs = scene_pairs(grey, shots, [grey_of(shots_path.parent / shot.image) for shot in shots], table, head)
     height, width = grey.shape
     fit = calibrate_scene_rig(pairs, (width, height), None if known is None else lens_of(known)[1], progress=say)
-    fit = refine_by_planes(fit, (width, height), held=known is not None, progress=say)
+    fit = refine_by_planes(fit, (width, height), held=known is not None, progress=say, seed=seed)
     expected = pointing_error(fit, (width, height), held=known is not None, progress=say)
     judge(expected, limit_rad, say)
     rig = Rig(

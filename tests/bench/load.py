@@ -179,6 +179,7 @@ LOADS: tuple[tuple[str, dict[str, int]], ...] = (
     ("nothing else", {}),
     ("five clients, 1,000 requests a second", {"flood": CLIENTS}),
     ("20 wildcard questions for results at once, for ever", {"look": 1}),
+    ("the five clients and the questions together", {"flood": CLIENTS, "look": 1}),
     ("a stopped image listener", {"stall": 1}),
     ("three stopped image listeners", {"stall": 3}),
     ("an app that asked for much and stopped", {"stall-asking": 1}),
