@@ -31,7 +31,7 @@ from ptzd.calibration.boards import BoardPair, RigFit, Seen, calibrate_boards
 from ptzd.calibration.detect import Grey
 from ptzd.calibration.features import find_features, match
 from ptzd.calibration.file import dump_rig, fisheye_section, read_rig
-from ptzd.calibration.halves import PointingError, pointing_error
+from ptzd.calibration.halves import REACH_PERCENT, PointingError, pointing_error
 from ptzd.calibration.lens import KANNALA_BRANDT, PERSPECTIVE, UNIFIED, Lens
 from ptzd.calibration.pictures import read_boards
 from ptzd.calibration.planes import refine_by_planes
@@ -262,7 +262,7 @@ def _scene_uncertainty(fit: SceneRigFit, lens_rad: float, head_rad: float) -> Un
 def _to_edge(fit: SceneRigFit, size_px: tuple[int, int]) -> CameraModel:
     camera = fit.lens.camera(fit.values, size_px, math.radians(179.0))
     rays, valid = camera.lift(fit.pairs.fisheye_px)
-    reach = float(np.percentile(angle_between(rays[valid], np.array([0.0, 0.0, 1.0])), 99.5)) + EDGE_RAD
+    reach = float(np.percentile(angle_between(rays[valid], np.array([0.0, 0.0, 1.0])), REACH_PERCENT)) + EDGE_RAD
     return fit.lens.camera(fit.values, size_px, min(reach, camera.limit_rad - 1e-6))
 
 

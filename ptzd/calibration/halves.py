@@ -25,6 +25,8 @@ SQUARES = (6, 9)
 GRID = 20
 """Pixels along each side at which directions are compared."""
 DRAWS = 60
+REACH_PERCENT = 99.5
+"""Of the features are no farther from the fisheye's axis than what counts as its reach."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,17 +86,23 @@ def _refitted(fit: SceneRigFit, rows: Mask, size_px: tuple[int, int], *, held: b
 
 
 def _grid(fit: SceneRigFit, size_px: tuple[int, int]) -> tuple[Array, Array]:
-    """Pixels ``(n, 2)`` no farther than a step from a feature, and 1/range from the fisheye of the nearest one."""
+    """Pixels ``(n, 2)`` as far from the axis as features are, and 1/range from the fisheye of the nearest one.
+
+    Also where there are none: boxes will be drawn there.
+    """
     width, height = size_px
     step = max(size_px) / GRID
     grid = np.stack(np.meshgrid(np.arange(step / 2, width, step), np.arange(step / 2, height, step)), axis=-1)
-    pixels = grid.reshape(-1, 2)
-    rays, _ = UNIFIED.camera(fit.values, size_px, WIDE_RAD).lift(fit.pairs.fisheye_px)
+    camera = UNIFIED.camera(fit.values, size_px, WIDE_RAD)
+    rays, known = camera.lift(fit.pairs.fisheye_px)
+    own, valid = camera.lift(grid.reshape(-1, 2))
+    axis = np.array([0.0, 0.0, 1.0])
+    reach = np.percentile(angle_between(rays[known], axis), REACH_PERCENT)
+    pixels = grid.reshape(-1, 2)[valid & (angle_between(own, axis) <= reach)]
     s = np.maximum(inverse_ranges(fit.pairs.directions, rays @ fit.rotation.T, fit.translation), 0.0)
     away = np.linalg.norm(fit.pairs.directions - s[:, None] * fit.translation, axis=1)
-    gap = np.linalg.norm(pixels[:, None] - fit.pairs.fisheye_px[None], axis=-1)
-    seen = gap.min(axis=1) < step
-    return pixels[seen], (s / np.maximum(away, 1e-6))[gap.argmin(axis=1)[seen]]
+    nearest = np.linalg.norm(pixels[:, None] - fit.pairs.fisheye_px[None], axis=-1).argmin(axis=1)
+    return pixels, (s / np.maximum(away, 1e-6))[nearest]
 
 
 def _directions(fit: SceneRigFit, pixels: Array, inverse_range: Array) -> Array:
