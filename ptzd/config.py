@@ -174,6 +174,15 @@ class Queue(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     results_kept_s: PositiveSeconds = 600.0
 
 
+class Lease(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A person who has the head."""
+
+    max_s: Annotated[float, Meta(gt=0, le=86_400)] = 900.0
+    """Longest lease; whoever wants it longer takes it again."""
+    silence_s: Annotated[float, Meta(ge=1, le=3600)] = 5.0
+    """Over after so long without a word from whoever has it."""
+
+
 class BusSettings(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The Zenoh session."""
 
@@ -221,6 +230,7 @@ class Config(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     search: Search = Search()
     lock: Lock = Lock()
     queue: Queue = Queue()
+    lease: Lease = Lease()
     bus: BusSettings = BusSettings()
     log: LogSettings = LogSettings()
     drift: DriftSettings = DriftSettings()
@@ -230,6 +240,7 @@ WHILE_RUNNING = (
     "search",
     "lock",
     "home",
+    "lease",
     "queue.size",
     "queue.timeout_s",
     "log.fisheye_every_n",
@@ -240,7 +251,7 @@ WHILE_RUNNING = (
     "log.min_free_bytes",
 )
 """What a running daemon takes over when it reads its settings again: whole parts, or single keys of a part."""
-CORE_PARTS = ("search", "lock", "home", "queue")
+CORE_PARTS = ("search", "lock", "home", "queue", "lease")
 """Parts that decisions depend on and that may change while they are taken."""
 
 

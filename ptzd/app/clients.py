@@ -7,9 +7,19 @@ from collections.abc import AsyncIterator
 import msgspec
 
 from ptzd.bus.client import Client
-from ptzd.bus.messages import MESSAGES, Feedback, RoiResult, Status, schema
+from ptzd.bus.messages import MESSAGES, Feedback, LeaseHeld, LeaseRequest, RoiResult, Status, schema
 
-__all__ = ["Client", "Feedback", "RoiResult", "Status", "message_schema", "message_types", "notices"]
+__all__ = [
+    "Client",
+    "Feedback",
+    "LeaseHeld",
+    "LeaseRequest",
+    "RoiResult",
+    "Status",
+    "message_schema",
+    "message_types",
+    "notices",
+]
 
 
 def message_schema(name: str) -> dict[str, object]:

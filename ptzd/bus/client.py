@@ -26,6 +26,7 @@ from ptzd.bus.asking import ask, ask_one, rigs_alive, rigs_answering
 from ptzd.bus.decode import decode
 from ptzd.bus.following import Following
 from ptzd.bus.keys import ANY_RIG, Keys, check_id
+from ptzd.bus.leasing import KeptLease, keep
 from ptzd.bus.listening import BusImage, Notice, images, notices
 from ptzd.bus.messages import (
     Accepted,
@@ -35,6 +36,8 @@ from ptzd.bus.messages import (
     Empty,
     Feedback,
     FrameName,
+    LeaseReply,
+    LeaseRequest,
     LogReply,
     LogRequest,
     RangeM,
@@ -143,6 +146,7 @@ class Client:
         timeout_s: float | None = None,
         priority: int = 0,
         label: str = "",
+        by: str = "",
     ) -> Accepted:
         """Ask the rig to look at a box.
 
@@ -166,6 +170,8 @@ class Client:
             0 to 9, higher goes first.
         label : str
             Free text, at most 64 characters.
+        by : str
+            Who asks; whoever has the lease is served under it.
 
         Raises
         ------
@@ -185,6 +191,7 @@ class Client:
             timeout_s=timeout_s,
             priority=priority,
             label=label,
+            by=by,
         )
         check_id(request.id)
         decode(msgspec.json.encode(request), RoiRequest)
@@ -281,6 +288,34 @@ class Client:
                 return ", ".join(sorted({reply.outcome for _, reply in stopped}))
         key = (await self._keys()).full(f"control/{verb}")
         return (await ask_one(self._session, key, ControlReply, self._timeout_s, Empty())).outcome
+
+    def lease(
+        self, owner: str, *, for_s: float | None = None, rank: int = 0
+    ) -> contextlib.AbstractAsyncContextManager[KeptLease]:
+        """Have the head for oneself while the context lasts; what is asked ``by`` the owner is done meanwhile.
+
+        Parameters
+        ----------
+        owner : str
+            Who, 1 to 64 of ``A-Za-z0-9._-``.
+        for_s : float
+            At most so long, s; default: as long as the rig allows.
+        rank : int
+            0 to 8; a higher one takes the head from a lower one.
+
+        Raises
+        ------
+        RequestRefused
+            On entry: ``leased`` with who has it and how long.
+        """
+        return keep(self.ask_lease, LeaseRequest(owner=owner, for_s=for_s, rank=rank))
+
+    async def ask_lease(self, request: LeaseRequest) -> LeaseReply:
+        """One wish on the lease: take, renew, give, or ask whoever has it; returns the lease as it is then."""
+        check_id(request.owner)
+        decode(msgspec.json.encode(request), LeaseRequest)
+        key = (await self._keys()).full("control/lease")
+        return await ask_one(self._session, key, LeaseReply, self._timeout_s, request)
 
     async def status(self) -> Status:
         """The newest status."""

@@ -15,8 +15,8 @@ import msgspec
 from msgspec import Struct
 
 from ptzd.bus.keys import is_id
-from ptzd.bus.messages import BoxPx, FrameName, RangeM, RoiRequest, RoiUpdate, ZoomTo
-from ptzd.control.events import PayloadRefused, RequestReceived, UpdateReceived, ZoomWish
+from ptzd.bus.messages import BoxPx, FrameName, LeaseRequest, RangeM, RoiRequest, RoiUpdate, ZoomTo
+from ptzd.control.events import LeaseAsked, LeaseWish, PayloadRefused, RequestReceived, UpdateReceived, ZoomWish
 from ptzd.errors import RequestRefused
 from ptzd.model import Box
 
@@ -93,6 +93,7 @@ def request_event(payload: bytes, t_ns: int, token: int | None) -> RequestReceiv
         timeout_s=request.timeout_s,
         priority=request.priority,
         label=request.label,
+        by=request.by,
     )
 
 
@@ -116,6 +117,17 @@ def update_event(payload: bytes, t_ns: int, request_id: str, token: int | None) 
         frame_seq=update.frame.seq if update.frame else None,
         frame_t_capture_ns=update.frame.t_capture_ns if update.frame else None,
     )
+
+
+def lease_event(payload: bytes, t_ns: int, token: int | None) -> LeaseAsked | PayloadRefused:
+    """What came in on ``control/lease``."""
+    try:
+        asked = decode(payload, LeaseRequest)
+    except RequestRefused as error:
+        named = RequestRefused(error.code, f"lease: {error.message}", error.field)
+        return refused(named, t_ns, token, None)
+    wish = LeaseWish(asked.wish)
+    return LeaseAsked(t_ns=t_ns, token=token, wish=wish, owner=asked.owner, rank=asked.rank, for_s=asked.for_s)
 
 
 def refused(

@@ -7,7 +7,7 @@ spelt out: ``ptzd/**`` is somebody looking around and must move nothing.
 from __future__ import annotations
 
 from ptzd.bus.arrivals import Arrival, Handler
-from ptzd.bus.decode import decode, refused, request_event, too_large, update_event
+from ptzd.bus.decode import decode, lease_event, refused, request_event, too_large, update_event
 from ptzd.bus.intake import EventQueue
 from ptzd.bus.keys import Keys, request_id_of
 from ptzd.bus.messages import Empty
@@ -100,6 +100,16 @@ class Inbound:
                 self._offer(_refused_unless_empty(arrival, t_ns, token) or control, token)
 
         return handle
+
+    def on_lease(self, arrival: Arrival) -> None:
+        """``control/lease``: a query or a put."""
+        if not arrival.key.endswith("/control/lease"):
+            self._ignore(arrival)
+            return
+        token = self._token(arrival, self._keys.full("control/lease"))
+        if arrival.query is None or token is not None:
+            t_ns = self._clock.now_ns()
+            self._offer(_too_large(arrival, t_ns) or lease_event(arrival.payload, t_ns, token), token)
 
     def _overtake(self, t_ns: int) -> None:
         for waiting in self._events.withdraw_requests():

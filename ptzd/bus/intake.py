@@ -6,7 +6,7 @@ import asyncio
 from collections import deque
 from collections.abc import AsyncIterator, Callable
 
-from ptzd.control.events import CancelReceived, ControlReceived, Event, RequestReceived, UpdateReceived
+from ptzd.control.events import CancelReceived, ControlReceived, Event, LeaseAsked, RequestReceived, UpdateReceived
 
 REQUESTS = 64
 """Most requests and refusals waiting for the core."""
@@ -36,7 +36,7 @@ class EventQueue:
         if isinstance(event, UpdateReceived):
             self._withdraw_update(event.id)
         lane, room = self._events, REQUESTS
-        if isinstance(event, ControlReceived):
+        if isinstance(event, ControlReceived | LeaseAsked):
             lane, room = self._urgent, URGENT
         elif isinstance(event, CancelReceived):
             # in order, for it must not overtake the request that it takes back

@@ -89,6 +89,8 @@ class RoiRequest(Incoming, frozen=True):
     timeout_s: Timeout | None = None
     priority: Annotated[int, Meta(ge=0, le=9)] = 0
     label: Label = ""
+    by: Id | Literal[""] = ""
+    """Who asks: whoever has the lease is served under it."""
 
 
 class RoiUpdate(Incoming, frozen=True):
@@ -96,6 +98,18 @@ class RoiUpdate(Incoming, frozen=True):
 
     box: BoxPx
     frame: Frame = None
+
+
+class LeaseRequest(Incoming, frozen=True):
+    """Somebody wants the head for himself, still wants it, gives it back, or asks whoever has it."""
+
+    owner: Id
+    wish: Literal["take", "renew", "give", "ask"] = "take"
+    """``renew`` well within ``lease.silence_s``, or it is over."""
+    rank: Annotated[int, Meta(ge=0, le=8)] = 0
+    """A higher one takes it from a lower one."""
+    for_s: Timeout | None = None
+    """Absent = as long as ``lease.max_s`` allows."""
 
 
 class Empty(Incoming, frozen=True):
@@ -199,6 +213,25 @@ class ControlReply(Outgoing, frozen=True):
     outcome: str
 
 
+class LeaseHeld(Outgoing, frozen=True):
+    """Who has the head for himself."""
+
+    owner: str
+    rank: int
+    since_ns: int
+    until_ns: int
+    """At the latest; sooner when nothing is heard of him."""
+    wanted_by: str = ""
+    """Who asked for it last."""
+
+
+class LeaseReply(Outgoing, frozen=True):
+    """The lease as it is now."""
+
+    lease: LeaseHeld | None = None
+    """None: nobody has it."""
+
+
 class LogReply(Outgoing, frozen=True):
     """Closed log files, oldest first."""
 
@@ -232,6 +265,8 @@ class Status(Outgoing, frozen=True):
     """``well`` or the reason why not."""
     ptz: str = ""
     held: bool = False
+    lease: LeaseHeld | None = None
+    """Who has the head for himself."""
     devices: Document = {}
     pose: Pose | None = None
     log: Document = {}
@@ -269,8 +304,8 @@ class ImageAttachment(Outgoing, frozen=True):
 MESSAGES: dict[str, type[Struct]] = {
     message.__name__: message
     for message in (
-        RoiRequest, RoiUpdate, Empty, LogRequest, Accepted, ErrorReply, Feedback, RoiResult, CancelReply, ControlReply,
-        UpdateReply, LogReply, Pose, Status, Calibration, ImageAttachment,
+        RoiRequest, RoiUpdate, LeaseRequest, Empty, LogRequest, Accepted, ErrorReply, Feedback, RoiResult, CancelReply,
+        ControlReply, UpdateReply, LeaseReply, LogReply, Pose, Status, Calibration, ImageAttachment,
     )
 }  # fmt: skip
 

@@ -12,7 +12,7 @@ from typing import Self, cast
 import msgspec
 import zenoh
 
-from ptzd.bus.answers import Answers, ImageHandler, LogHandler
+from ptzd.bus.answers import Answers, ImageHandler, LogHandler, lease_shown
 from ptzd.bus.arrivals import Arrivals
 from ptzd.bus.images import ImagePublisher
 from ptzd.bus.inbound import Inbound
@@ -25,6 +25,7 @@ from ptzd.bus.messages import (
     ErrorReply,
     Feedback,
     FrameId,
+    LeaseReply,
     LogReference,
     Plain,
     Point,
@@ -43,6 +44,7 @@ from ptzd.control.commands import (
     PublishResult,
     PublishStatus,
     ReplyAccepted,
+    ReplyLease,
     ReplyOutcome,
     ReplyRefused,
 )
@@ -67,9 +69,6 @@ DROPPED_TOLD_NS = 10_000_000_000
 """Between two lines about messages that found no room."""
 PENDING_LIMIT = 256
 """Queries that may wait for their answer at once."""
-
-BUS_COMMANDS = (ReplyAccepted, ReplyRefused, ReplyOutcome, PublishFeedback, PublishResult, PublishStatus)
-"""What :meth:`ZenohBus.perform` takes."""
 
 
 class ZenohBus:
@@ -171,7 +170,7 @@ class ZenohBus:
         Raises
         ------
         TypeError
-            For a command that is not the bus's (see ``BUS_COMMANDS``).
+            For a command that is not the bus's.
         """
         match command:
             case ReplyAccepted():
@@ -185,6 +184,8 @@ class ZenohBus:
                 leaf = (self._pending.key_of(command.token) or "").rpartition("/")[2]
                 outcome = {"cancel": CancelReply, "update": UpdateReply}.get(leaf, ControlReply)
                 self._pending.reply(command.token, outcome(outcome=command.outcome))
+            case ReplyLease():
+                self._pending.reply(command.token, LeaseReply(lease=lease_shown(command.lease)))
             case PublishFeedback():
                 self._publish_feedback(command)
             case PublishResult():
@@ -246,6 +247,7 @@ class ZenohBus:
         updates = Arrivals(session, 64, clock, evict=True)
         for declare in (urgent.answer, urgent.listen):
             declare(keys.of_all_requests("cancel"), self._inbound.on_cancel)
+            declare(keys.full("control/lease"), self._inbound.on_lease)
             for verb in Verb:
                 declare(keys.full(f"control/{verb}"), self._inbound.on_control(verb))
         requests.answer(keys.full("roi"), self._inbound.on_request)

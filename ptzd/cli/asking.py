@@ -5,11 +5,12 @@ from __future__ import annotations
 import argparse
 import asyncio
 from collections.abc import Awaitable, Callable
+from datetime import datetime
 
 import msgspec
 from rich.markup import escape
 
-from ptzd.app.clients import Client, Feedback, RoiResult, notices
+from ptzd.app.clients import Client, Feedback, LeaseHeld, LeaseRequest, RoiResult, notices
 from ptzd.cli import terminal
 from ptzd.control.states import State
 from ptzd.control.wording import in_words, range_in_words
@@ -47,6 +48,7 @@ def aim(arguments: argparse.Namespace) -> int:
             timeout_s=arguments.timeout,
             priority=arguments.priority,
             label=arguments.label,
+            by=arguments.by,
         )
         if not arguments.json:
             print(f"{accepted.id}: accepted, place {accepted.position}")
@@ -102,6 +104,8 @@ def status(arguments: argparse.Namespace) -> int:
         console.print(
             f"active    {_said(now.active or '–')}    waiting {len(now.queue)}{'    held' if now.held else ''}"
         )
+        if now.lease is not None:
+            console.print(f"lease     {_said(held_in_words(now.lease))}")
         console.print(f"fisheye   {_said(now.fisheye)}")
         console.print(f"ptz       {_said(now.ptz)}")
         if now.pose is not None:
@@ -111,6 +115,31 @@ def status(arguments: argparse.Namespace) -> int:
         return 0
 
     return _with_client(arguments, work)
+
+
+def lease(arguments: argparse.Namespace) -> int:
+    """Have the head until interrupted or until it is over; exit 1 when it ends before it is given back."""
+
+    async def work(client: Client) -> int:
+        if arguments.ask:
+            told = await client.ask_lease(LeaseRequest(owner=arguments.owner, wish="ask"))
+            print(plain(held_in_words(told.lease)))
+            return 0
+        async with client.lease(arguments.owner, for_s=arguments.for_s, rank=arguments.rank) as kept:
+            print(plain(f"{held_in_words(kept.held)}; interrupt to give it back"), flush=True)
+            print(plain(await kept.over()))
+        return 1
+
+    return _with_client(arguments, work)
+
+
+def held_in_words(held: LeaseHeld | None) -> str:
+    """Who has the head and until when, for a person."""
+    if held is None:
+        return "nobody has the head for himself"
+    until = datetime.fromtimestamp(held.until_ns / 1e9).astimezone().strftime("%H:%M:%S")
+    wanted = f", {held.wanted_by} wants it" if held.wanted_by else ""
+    return f"{held.owner} has the head until {until} at the latest{wanted}"
 
 
 def watch(arguments: argparse.Namespace) -> int:

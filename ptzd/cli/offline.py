@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ptzd.app import locating
 from ptzd.app.loading import load_config
+from ptzd.control.ranks import rank_mermaid
 from ptzd.control.states import mermaid
 
 
@@ -94,9 +95,8 @@ def schema(arguments: argparse.Namespace) -> int:
 
 
 def states(arguments: argparse.Namespace) -> int:
-    """Print the state diagram."""
-    del arguments
-    print(mermaid())
+    """Print the state diagram, or that of the ranks."""
+    print(rank_mermaid() if arguments.ranks else mermaid())
     return 0
 
 

@@ -121,6 +121,7 @@ def _add_bus_commands(commands: argparse._SubParsersAction[_Parser]) -> None:
     aim.add_argument("--timeout", type=float, metavar="S")
     aim.add_argument("--priority", type=int, default=0)
     aim.add_argument("--label", default="")
+    aim.add_argument("--by", default="", metavar="OWNER", help="who asks; whoever has the lease is served under it")
     aim.set_defaults(run=asking.aim)
     for name, text, function in (
         ("status", "what the rig does now", asking.status),
@@ -133,6 +134,12 @@ def _add_bus_commands(commands: argparse._SubParsersAction[_Parser]) -> None:
     ):
         command = commands.add_parser(name, parents=[common], help=text)
         command.set_defaults(run=function)
+    lease = commands.add_parser("lease", parents=[common], help="have the head for yourself until interrupted")
+    lease.add_argument("owner", help="who you are")
+    lease.add_argument("--for", type=float, dest="for_s", metavar="S", help="at most so long")
+    lease.add_argument("--rank", type=int, default=0, help="0 to 8; a higher one takes the head from a lower one")
+    lease.add_argument("--ask", action="store_true", help="only let whoever has it know that you want it")
+    lease.set_defaults(run=asking.lease)
     cancel = commands.add_parser("cancel", parents=[common], help="take a request back")
     cancel.add_argument("id")
     cancel.set_defaults(run=asking.cancel)
@@ -172,6 +179,7 @@ def _add_offline_commands(commands: argparse._SubParsersAction[_Parser]) -> None
     schema.add_argument("type", nargs="?")
     schema.set_defaults(run=offline.schema)
     states = commands.add_parser("states", help="the state diagram, as Mermaid")
+    states.add_argument("--ranks", action="store_true", help="who goes before whom instead")
     states.set_defaults(run=offline.states)
 
 

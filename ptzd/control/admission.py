@@ -44,6 +44,7 @@ def admit(event: RequestReceived, memory: Memory, rig: Rig, config: Config) -> R
         hold_ns=seconds(hold_s),
         accepted_ns=event.t_ns,
         expires_ns=event.t_ns + seconds(timeout_s),
+        by=event.by,
     )
 
 

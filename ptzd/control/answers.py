@@ -67,6 +67,7 @@ class Answers:
             self._failed(asked.kind, f"the camera did not answer a {asked.kind} in time")
         if memory.holder is not None and self.authority.stop_under_way is None:
             self.authority.apply(memory.holder.activity.on_time(self.work))
+        self.authority.expire()
         homing_ns = self.authority.homing_ns
         if homing_ns is not None and t_ns >= homing_ns:
             self.authority.go_home()
@@ -80,6 +81,7 @@ class Answers:
             *(request.expires_ns for request in memory.waiting),
             None if memory.holder is None else memory.holder.activity.wakes_ns(self.work),
             self.authority.homing_ns,
+            self.authority.lease_ends_ns,
         ]
         return min((deadline for deadline in wanted if deadline is not None), default=None)
 

@@ -8,10 +8,12 @@ from typing import cast
 from ptzd.control.activities.activity import Next, Over, Step
 from ptzd.control.activities.home import Home, is_there
 from ptzd.control.activities.lock import Lock
+from ptzd.control.activities.manual import Manual
 from ptzd.control.activities.scan import Scan
 from ptzd.control.activities.stop import Stop
 from ptzd.control.desk import Desk
-from ptzd.control.memory import AnyActivity, Claim, Memory, Rank
+from ptzd.control.memory import AnyActivity, Claim, Memory
+from ptzd.control.ranks import Rank
 from ptzd.control.work import Work, seconds
 from ptzd.model import Outcome
 
@@ -67,7 +69,8 @@ class Authority:
             self.work.abandon()
             if holder.task is not None:
                 self.desk.end_served(holder, over)
-            self.plan_homing()
+            if not (isinstance(holder.activity, Manual) and holder.activity.stays):
+                self.plan_homing()
         if over.stop:
             self.stop()
 
@@ -77,12 +80,54 @@ class Authority:
             self.end(Over(outcome=outcome, reason=reason, probability=probability))
 
     def end_all(self, outcome: Outcome, reason: str) -> None:
-        """Give every request its result; the head stays where it is, but for a stop under way."""
+        """Give every request its result; the head stays where it is, but for a stop under way.
+
+        Whoever has it for himself keeps it.
+        """
+        self._set_lease_aside()
         if self.stop_under_way is None:
             self.end(Over(outcome=outcome, reason=reason))
         for waiting in self.memory.waiting:
             self.desk.end_waiting(waiting, outcome, reason)
         self.forget_homing()
+
+    @property
+    def lease_ends_ns(self) -> int | None:
+        """When the lease ends if nothing more is heard; None without one."""
+        lease = self.memory.lease
+        return None if lease is None else lease.until_ns(self.work)
+
+    def grant(self, lease: Manual) -> None:
+        """A person takes the head: whatever has it makes way, and the head stops under his hand."""
+        self.forget_homing()
+        self._insert(Claim(owner=lease.owner, rank=Rank.LEASE + lease.rank, activity=lease))
+        if self.memory.task is not None:
+            self.end(Over(outcome=Outcome.PREEMPTED, reason=f"{lease.owner} has taken the head", stop=True))
+        elif self.memory.holder is not None and self.stop_under_way is None:
+            self.leave_home()
+            self.stop()
+        self.take_next()
+
+    def lend(self, by: str) -> None:
+        """A request of whoever has the head goes before his own hand."""
+        lease = self.memory.lease
+        if lease is not None and lease.owner == by:
+            self._set_lease_aside()
+
+    def end_lease(self, over: Over) -> None:
+        """The head is nobody's own any more; a request of his that is being served goes on."""
+        if self.memory.holder is not None and isinstance(self.memory.holder.activity, Manual):
+            self.end(over)
+        claims = self.memory.claims
+        claims[:] = [claim for claim in claims if not isinstance(claim.activity, Manual)]
+
+    def expire(self) -> None:
+        """End a lease whose time is over."""
+        lease = self.memory.lease
+        over = None if lease is None else lease.over(self.work)
+        if over is not None:
+            self.end_lease(over)
+            self.take_next()
 
     def take_next(self) -> None:
         """Give the head to what waits and may begin."""
@@ -92,6 +137,7 @@ class Authority:
 
     def stop(self, token: int | None = None) -> None:
         """Stop the head: that outranks everything, and nothing begins before the camera has confirmed it."""
+        self._set_lease_aside()
         activity = self.stop_under_way or Stop()
         activity.begin(self.work)
         if token is not None:
@@ -130,9 +176,22 @@ class Authority:
         """What begins now: the first that waits for its turn alone, when nothing but the way home has the head."""
         memory = self.memory
         taken = memory.holder is not None and memory.holder.rank > Rank.HOME
-        if taken or not memory.serving or memory.stopping or self.work.head.held:
+        if taken or not memory.serving or memory.stopping:
             return None
-        return next((claim for claim in memory.claims if claim.from_ns is None), None)
+        first = next((claim for claim in memory.claims if claim.from_ns is None), None)
+        kept = self.work.head.held and first is not None and first.rank < Rank.LEASE
+        return None if kept else first
+
+    def _insert(self, claim: Claim) -> None:
+        """Let a claim wait behind those of its rank."""
+        claims = self.memory.claims
+        claims.insert(sum(1 for other in claims if other.rank >= claim.rank), claim)
+
+    def _set_lease_aside(self) -> None:
+        holder = self.memory.holder
+        if holder is not None and isinstance(holder.activity, Manual):
+            self.memory.holder = None
+            self._insert(holder)
 
     def _begin(self, claim: Claim) -> None:
         """Give the head to a claim; one that cannot even begin leaves it to whoever has it."""
@@ -142,7 +201,7 @@ class Authority:
             self.memory.holder = before
             if claim.task is not None:
                 self.desk.end_served(claim, step)
-        elif claim.task is not None:
+        elif claim.rank > Rank.HOME:
             self.forget_homing()
 
     def _again(self, holder: Claim, over: Over) -> Next | None:

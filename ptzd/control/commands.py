@@ -105,6 +105,28 @@ class ReplyOutcome(Command):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class LeaseHeld:
+    """Who has the head for himself."""
+
+    owner: str
+    rank: int
+    since_ns: int
+    until_ns: int
+    """At the latest; sooner when nothing is heard of him."""
+    wanted_by: str = ""
+    """Who asked for it last."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplyLease(Command):
+    """Answer a question on the lease."""
+
+    token: int
+    lease: LeaseHeld | None
+    """As it is now; None: nobody has it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PublishFeedback(Command):
     """One step of a request, for ``roi/<id>/feedback`` and the log."""
 
@@ -150,6 +172,8 @@ class PublishStatus(Command):
     """``well`` or the reason why not."""
     held: bool
     """An operator's ``hold`` is in force: no request is started."""
+    lease: LeaseHeld | None = None
+    """Who has the head for himself."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

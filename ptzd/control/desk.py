@@ -11,7 +11,8 @@ from ptzd.control import events as ev
 from ptzd.control.activities.activity import Over
 from ptzd.control.activities.lock import Lock, range_of
 from ptzd.control.activities.scan import Scan
-from ptzd.control.memory import AnyActivity, Claim, Ended, Memory, Rank
+from ptzd.control.memory import AnyActivity, Claim, Ended, Memory
+from ptzd.control.ranks import Rank
 from ptzd.control.requests import Request, Task
 from ptzd.control.work import Work, seconds
 from ptzd.errors import RequestRefused
@@ -51,19 +52,27 @@ class Desk:
             return None
         try:
             # first what costs nothing: under a flood most find no room, and the lens' rays take their time
-            self._check_room(event.priority)
+            rank = self.rank(event.priority, event.by)
+            self._check_room(rank)
             request = admission.admit(event, self.memory, self.work.rig, self.work.config)
         except RequestRefused as refused:
             self.refuse(event.token, refused, event.id)
             return None
-        self._place(request)
+        self._place(request, rank)
         self._pin(request, request.frame)
         return request
 
-    def outranks_served(self, priority: int) -> bool:
-        """Whether a request of this priority takes the place of the one that is being served."""
-        served = self.memory.task
-        return served is not None and not self.memory.head.held and priority > served.request.priority
+    def rank(self, priority: int, by: str) -> int:
+        """Where a request stands: whoever has the head for himself is served under his lease."""
+        lease = self.memory.lease
+        own = lease is not None and by == lease.owner
+        return Rank.LEASE + lease.rank + 1 if own and lease is not None else Rank.REQUEST + priority
+
+    def outranks_served(self, rank: int) -> bool:
+        """Whether a request of this rank takes the place of the one that is being served."""
+        holder = self.memory.holder
+        served = holder is not None and holder.task is not None
+        return served and not self.memory.head.held and holder is not None and rank > holder.rank
 
     def confirm(self, token: int | None, request: Request) -> None:
         """Answer the query of an accepted request with its place: 0 = served next or now."""
@@ -181,17 +190,17 @@ class Desk:
             self.refuse(event.token, RequestRefused("ended", message, "$.id"))
         return request is not None or outcome is not None
 
-    def _check_room(self, priority: int) -> None:
+    def _check_room(self, rank: int) -> None:
         memory = self.memory
         waiting = len(memory.waiting)
-        waits = memory.task is not None or memory.head.held or waiting > 0
-        if waits and not self.outranks_served(priority) and waiting >= self.work.config.queue.size:
+        leased = memory.lease is not None and rank < Rank.LEASE
+        waits = memory.task is not None or memory.head.held or leased or waiting > 0
+        if waits and not self.outranks_served(rank) and waiting >= self.work.config.queue.size:
             message = f"{waiting} requests are waiting, no more fit; try later or with a higher priority"
             raise RequestRefused("busy", message, "$.priority")
 
-    def _place(self, request: Request) -> None:
+    def _place(self, request: Request, rank: int) -> None:
         memory = self.memory
-        rank = Rank.REQUEST + request.priority
         claim = Claim(owner=request.id, rank=rank, activity=Scan(task=Task(request=request)))
         memory.claims.insert(sum(1 for other in memory.claims if other.rank >= rank), claim)
 

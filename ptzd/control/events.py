@@ -28,6 +28,15 @@ class Verb(StrEnum):
     RELEASE = "release"
 
 
+class LeaseWish(StrEnum):
+    """What somebody wants of the lease on the head."""
+
+    TAKE = "take"
+    RENEW = "renew"
+    GIVE = "give"
+    ASK = "ask"
+
+
 class ZoomWish(StrEnum):
     """How far to zoom: by the share of the frame, not at all, or to a given field of view."""
 
@@ -62,6 +71,8 @@ class RequestReceived(Event):
     timeout_s: float | None = None
     priority: int = 0
     label: str = ""
+    by: str = ""
+    """Who asks: whoever has the lease is served under it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,6 +119,20 @@ class ControlReceived(Event):
     token: int | None
     """Names the query to answer; None for a put."""
     verb: Verb
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LeaseAsked(Event):
+    """A person wants the head for himself, still wants it, gives it back, or wants it from whoever has it."""
+
+    token: int | None
+    """Names the query to answer; None for a put."""
+    wish: LeaseWish
+    owner: str
+    rank: int = 0
+    """Among people, 0 to 8: a higher one takes it from a lower one."""
+    for_s: float | None = None
+    """How long; None: as long as the settings allow."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,6 +14,7 @@ from ptzd.control.answers import Answers
 from ptzd.control.authority import Authority
 from ptzd.control.desk import Desk
 from ptzd.control.health import Health
+from ptzd.control.leases import Leases
 from ptzd.control.memory import Memory
 from ptzd.control.operator import Operator
 from ptzd.control.reception import Reception
@@ -50,6 +51,7 @@ class Machine:
             ev.UpdateReceived: reception.on_update,
             ev.CancelReceived: reception.on_cancel,
             ev.ControlReceived: operator.on_control,
+            ev.LeaseAsked: Leases(memory=memory, work=work, desk=desk, authority=authority).on_asked,
             ev.FrameArrived: health.on_frame,
             ev.HeadReady: health.on_head_ready,
             ev.DeviceLost: health.on_lost,

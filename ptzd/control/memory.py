@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import IntEnum
 
 from ptzd.control.activities.home import Home
 from ptzd.control.activities.lock import Lock
+from ptzd.control.activities.manual import Manual
 from ptzd.control.activities.scan import Scan
 from ptzd.control.activities.stop import Stop
 from ptzd.control.commands import PublishStatus
@@ -15,16 +15,8 @@ from ptzd.control.states import State
 from ptzd.control.work import HeadState
 from ptzd.model import FrameRef
 
-AnyActivity = Scan | Lock | Home | Stop
+AnyActivity = Scan | Lock | Home | Stop | Manual
 """Every kind there is: a snapshot tells them apart by their tag."""
-
-
-class Rank(IntEnum):
-    """Whose wish counts more; requests stand at ``REQUEST`` plus their priority, 0 to 9."""
-
-    HOME = 0
-    REQUEST = 20
-    STOP = 50
 
 
 @dataclass(slots=True, kw_only=True)
@@ -93,6 +85,12 @@ class Memory:
         """The request that is being served."""
         return None if self.holder is None else self.holder.task
 
+    @property
+    def lease(self) -> Manual | None:
+        """Who has the head for himself, also while it is stopped, lost or busy with a request of his."""
+        claims = self.claims if self.holder is None else [self.holder, *self.claims]
+        return next((claim.activity for claim in claims if isinstance(claim.activity, Manual)), None)
+
     def status(self) -> PublishStatus:
         """The state as others see it."""
         return PublishStatus(
@@ -103,6 +101,7 @@ class Memory:
             fisheye=self.fisheye,
             ptz=self.ptz,
             held=self.head.held,
+            lease=None if self.lease is None else self.lease.shown(),
         )
 
     @property

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
+from ptzd.control.activities.activity import Over
 from ptzd.control.activities.lock import Lock
 from ptzd.control.authority import Authority
 from ptzd.control.desk import Desk
@@ -34,6 +35,9 @@ class Operator:
         elif event.verb is ev.Verb.RELEASE:
             self._release()
             self.desk.reply(event.token, event.verb)
+        elif event.verb is ev.Verb.HOME and (lease := self.memory.lease) is not None:
+            message = f"{lease.owner} has the head for himself; it goes home when he gives it back"
+            self.work.out.append(cmd.ReplyRefused(token=event.token, code="leased", message=message, field="$"))
         else:
             self.work.abandon()
             self.authority.end_all(Outcome.CANCELLED, f"the operator asked for {event.verb}")
@@ -52,6 +56,8 @@ class Operator:
         """Give every request its result, stop the head, and say Finished when it stands or is lost."""
         self.work.abandon()
         self.authority.end_all(Outcome.CANCELLED, event.reason)
+        self.authority.end_lease(Over(reason=event.reason))
+        self.authority.forget_homing()
         self.memory.stopping = True
         if self.memory.ptz == WELL:
             self.authority.stop()
@@ -68,7 +74,9 @@ class Operator:
             self.authority.stop_is_over("the daemon is stopping")
         elif isinstance(event, ev.RequestReceived):
             self.desk.refuse(event.token, RequestRefused("stopping", "the daemon is stopping"), event.id)
-        elif isinstance(event, ev.CancelReceived | ev.ControlReceived | ev.PayloadRefused | ev.UpdateReceived):
+        elif isinstance(
+            event, ev.CancelReceived | ev.ControlReceived | ev.LeaseAsked | ev.PayloadRefused | ev.UpdateReceived
+        ):
             self.desk.refuse(event.token, RequestRefused("stopping", "the daemon is stopping"))
         if self.authority.stop_under_way is None:
             self._finish()
@@ -84,6 +92,8 @@ class Operator:
     def _stop(self, token: int | None) -> None:
         """Nothing moves after it. A camera that is lost is told all the same, but nobody confirms it."""
         self.authority.stop(token)
+        if (lease := self.memory.lease) is not None:
+            lease.stays = True
         stop = self.authority.stop_under_way
         if self.memory.ptz != WELL and stop is not None:
             self.desk.answer_stops(stop.take_tokens(), self.memory.ptz)

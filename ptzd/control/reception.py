@@ -31,9 +31,10 @@ class Reception:
         request = self.desk.take(event)
         if request is None:
             return
-        if self.desk.outranks_served(request.priority):
+        if self.desk.outranks_served(self.desk.rank(request.priority, request.by)):
             came = f"request {request.id} came with priority {request.priority}"
             self.authority.end_request(Outcome.PREEMPTED, came)
+        self.authority.lend(request.by)
         self.desk.confirm(event.token, request)
         self.authority.take_next()
 

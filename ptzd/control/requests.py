@@ -26,6 +26,8 @@ class Request:
     accepted_ns: int
     expires_ns: int
     """To be locked by then."""
+    by: str = ""
+    """Who asked."""
     newer_box: Box | None = None
     """The newest update; waits for the look under way, or for the lock to begin."""
     newer_frame: FrameRef | None = None

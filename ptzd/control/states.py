@@ -20,6 +20,7 @@ class State(StrEnum):
     MATCH = "MATCH"
     LOCK = "LOCK"
     HOME = "HOME"
+    MANUAL = "MANUAL"
     FAULT = "FAULT"
     STOPPED = "STOPPED"
 
@@ -43,12 +44,12 @@ class ImpossibleEvent(Exception):
 
 WORKING = frozenset({State.SCAN, State.MATCH, State.LOCK})
 """A request is active exactly in these."""
-SERVING = frozenset({State.IDLE, State.HOME}) | WORKING
+SERVING = frozenset({State.IDLE, State.HOME, State.MANUAL}) | WORKING
 """Both devices are well exactly in these."""
 LIVING = SERVING | {State.STARTING, State.FAULT}
 
-_NEXT_REQUEST = frozenset({State.IDLE, State.SCAN})
-"""After a request ended: the next one of the queue starts, or nothing waits."""
+_NEXT_REQUEST = frozenset({State.IDLE, State.SCAN, State.MANUAL})
+"""After a request ended: the next one of the queue starts, a person goes on by hand, or nothing waits."""
 
 Table = dict[tuple[State, type[ev.Event]], frozenset[State]]
 
@@ -82,6 +83,7 @@ def _table() -> Table:
             ev.RequestReceived,
             ev.CancelReceived,
             ev.ControlReceived,
+            ev.LeaseAsked,
             ev.ForeignMotion,
             ev.HeadStopped,
             ev.DeadlinePassed,
@@ -92,8 +94,13 @@ def _table() -> Table:
         table[state, ev.CancelReceived] = dropped
         table[state, ev.ForeignMotion] = dropped | ({State.IDLE} if state is State.HOME else frozenset())
         table[state, ev.ControlReceived] = frozenset({state, State.HOME, State.IDLE, State.SCAN})
-        table[state, ev.HeadStopped] = frozenset({state} if state in WORKING else {state, State.SCAN})
+        table[state, ev.LeaseAsked] = dropped | {State.IDLE} if state is State.HOME else dropped
+        table[state, ev.HeadStopped] = frozenset({state})
         table[state, ev.RequestReceived] = dropped | {State.SCAN}
+    table[State.IDLE, ev.LeaseAsked] = frozenset({State.IDLE, State.MANUAL, State.SCAN})
+    table[State.MANUAL, ev.LeaseAsked] = _NEXT_REQUEST
+    table[State.MANUAL, ev.DeadlinePassed] = _NEXT_REQUEST
+    table[State.IDLE, ev.HeadStopped] = _NEXT_REQUEST
     scan_ends = _NEXT_REQUEST | {State.SCAN, State.MATCH, State.LOCK}
     for event in (ev.HeadStalled, ev.ViewTaken, ev.MatchFinished, ev.MatchFailed, ev.DeadlinePassed):
         table[State.SCAN, event] = scan_ends
@@ -103,7 +110,7 @@ def _table() -> Table:
     for event in (ev.HeadStalled, ev.ViewTaken, ev.MatchFinished, ev.MatchFailed, ev.DeadlinePassed):
         table[State.LOCK, event] = _NEXT_REQUEST | {State.LOCK}
     table[State.LOCK, ev.UpdateReceived] = _NEXT_REQUEST | {State.LOCK}
-    table[State.IDLE, ev.DeadlinePassed] = frozenset({State.IDLE, State.HOME, State.SCAN})
+    table[State.IDLE, ev.DeadlinePassed] = _NEXT_REQUEST | {State.HOME}
     for ending in (ev.HeadArrived, ev.HeadStalled, ev.DeadlinePassed):
         table[State.HOME, ending] = frozenset({State.HOME, State.IDLE})
     table |= _stays(frozenset({State.STOPPED}), *_all_events())
@@ -142,6 +149,7 @@ _SPOKEN = {
     ev.UpdateReceived: "update",
     ev.CancelReceived: "cancel",
     ev.ControlReceived: "operator",
+    ev.LeaseAsked: "lease",
     ev.ForeignMotion: "foreign motion",
     ev.HeadArrived: "arrived",
     ev.HeadStalled: "view",

@@ -11,7 +11,14 @@ from ptzd.model import REFUSED, Outcome
 
 _log = logging.getLogger("ptzd")
 _GOOD = frozenset({Outcome.LOCKED, Outcome.RELEASED, Outcome.CANCELLED, Outcome.PREEMPTED})
-_MESSAGES = (ev.RequestReceived, ev.UpdateReceived, ev.CancelReceived, ev.ControlReceived, ev.PayloadRefused)
+_MESSAGES = (
+    ev.RequestReceived,
+    ev.UpdateReceived,
+    ev.CancelReceived,
+    ev.ControlReceived,
+    ev.LeaseAsked,
+    ev.PayloadRefused,
+)
 """What comes from outside, as often as somebody likes."""
 REFUSALS = 10
 """Lines about refusals within :data:`REFUSALS_NS`; what is beyond is counted and told afterwards."""
@@ -28,6 +35,7 @@ class Narrator:
         self._since_ns = 0
         self._refusals = 0
         self._moved_ns: int | None = None
+        self._lease: cmd.LeaseHeld | None = None
 
     def seen(self, sequence: int, event: ev.Event, commands: list[cmd.Command]) -> None:
         """Look at one step."""
@@ -52,6 +60,8 @@ class Narrator:
                 pass
         for command in commands:
             self._tell(command, event)
+            if isinstance(command, cmd.PublishStatus):
+                self._tell_lease(command.lease)
 
     def _tell(self, command: cmd.Command, event: ev.Event) -> None:
         t_ns = event.t_ns
@@ -75,6 +85,17 @@ class Narrator:
                 self._state = command.state
             case _:
                 pass
+
+    def _tell_lease(self, lease: cmd.LeaseHeld | None) -> None:
+        before, self._lease = self._lease, lease
+        if lease is None:
+            if before is not None:
+                _log.info("%s has the head no more", before.owner)
+        elif before is None or before.owner != lease.owner:
+            seconds = (lease.until_ns - lease.since_ns) / 1e9
+            _log.info("%s has the head for himself, for at most %.0f s", lease.owner, seconds)
+        elif lease.wanted_by and lease.wanted_by != before.wanted_by:
+            _log.info("%s wants the head, which %s has", lease.wanted_by, lease.owner)
 
     def _moved(self, t_ns: int) -> None:
         """Somebody at a joystick is told with every position; a motion that goes on is one piece of news."""

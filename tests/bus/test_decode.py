@@ -8,8 +8,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ptzd.bus.decode import MAX_PAYLOAD_BYTES, readable_id, request_event, update_event
-from ptzd.control.events import PayloadRefused, RequestReceived, UpdateReceived, ZoomWish
+from ptzd.bus.decode import MAX_PAYLOAD_BYTES, lease_event, readable_id, request_event, update_event
+from ptzd.control.events import LeaseAsked, LeaseWish, PayloadRefused, RequestReceived, UpdateReceived, ZoomWish
 from ptzd.model import Box
 
 GOOD = {"id": "a-1", "box": {"x": 1, "y": 2.5, "w": 8, "h": 30}}
@@ -23,6 +23,7 @@ FULL = {
     "timeout_s": 9.5,
     "priority": 9,
     "label": "Tür 3",
+    "by": "desk",
 }
 
 
@@ -38,8 +39,35 @@ def test_full_request_arrives_whole():
     event = told(FULL, None)
     assert event == RequestReceived(
         t_ns=77, token=None, id="a-1", box=Box(x=1.0, y=2.5, w=8.0, h=30.0), frame_seq=12, range_m=(1.0, 20.0),
-        zoom=ZoomWish.HFOV, hfov_deg=10.0, fill=0.4, hold_s=3.0, timeout_s=9.5, priority=9, label="Tür 3",
+        zoom=ZoomWish.HFOV, hfov_deg=10.0, fill=0.4, hold_s=3.0, timeout_s=9.5, priority=9, label="Tür 3", by="desk",
     )  # fmt: skip
+
+
+def test_a_wish_on_the_lease():
+    taken = lease_event(b'{"owner":"desk"}', 77, None)
+    assert taken == LeaseAsked(t_ns=77, token=None, wish=LeaseWish.TAKE, owner="desk")
+    whole = lease_event(b'{"owner":"desk","wish":"ask","rank":8,"for_s":2}', 77, 5)
+    assert whole == LeaseAsked(t_ns=77, token=5, wish=LeaseWish.ASK, owner="desk", rank=8, for_s=2.0)
+
+
+@pytest.mark.parametrize(
+    ("payload", "field"),
+    [
+        (b"{}", "$.owner"),
+        (b'{"owner":"two words"}', "$.owner"),
+        (b'{"owner":""}', "$.owner"),
+        (b'{"owner":"desk","wish":"seize"}', "$.wish"),
+        (b'{"owner":"desk","rank":9}', "$.rank"),
+        (b'{"owner":"desk","for_s":0}', "$.for_s"),
+        (b'{"owner":"desk","owner":"gate"}', "$..owner"),
+        (b"", "$"),
+    ],
+)
+def test_what_is_no_wish_is_refused_by_its_field(payload, field):
+    event = lease_event(payload, 77, 5)
+    assert isinstance(event, PayloadRefused)
+    assert event.field == field
+    assert event.message.startswith("lease: ")
 
 
 def test_frame_by_time_and_range_without_an_end():

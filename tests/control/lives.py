@@ -22,6 +22,7 @@ BOX = Box(x=330, y=230, w=40, h=32)
 STALE = 999_999
 """An id that no command had."""
 SECOND_NS = 1_000_000_000
+PEOPLE = ("desk", "gate")
 
 
 def plain(kind: type[ev.Event], t_ns: int) -> ev.Event:
@@ -34,6 +35,7 @@ def plain(kind: type[ev.Event], t_ns: int) -> ev.Event:
         ev.UpdateReceived: {"id": "a", "box": BOX},
         ev.CancelReceived: {"token": 9, "id": "a"},
         ev.ControlReceived: {"token": 9, "verb": ev.Verb.STOP},
+        ev.LeaseAsked: {"token": 9, "wish": ev.LeaseWish.TAKE, "owner": "somebody"},
         ev.FrameArrived: {"frame": frame},
         ev.HeadReady: {"limits": limits, "reading": HOME},
         ev.DeviceLost: {"device": ev.Device.PTZ, "reason": "no answer"},
@@ -68,6 +70,9 @@ class Life:
         self.accepted: set[str] = set()
         self.pinned: set[str] = set()
         self.ended: dict[str, int] = {}
+        self.by: dict[str, str] = {}
+        self.lent: dict[str, str] = {}
+        self.heard_ns = self.until_ns = 0
         self.answered: dict[int, int] = {}
         self.head: cmd.MoveHead | cmd.GrabView | None = None
         self.matches: dict[int, tuple[int, cmd.RunMatch]] = {}
@@ -122,6 +127,7 @@ class Life:
                 hold_s=self.pick([0.0, 1.0, 20.0]),
                 timeout_s=self.pick([None, 3.0, 30.0]),
                 priority=self.pick([0, 1, 2]),
+                by=self.pick(["", "", *PEOPLE]),
             )
         )
 
@@ -141,6 +147,19 @@ class Life:
     def _control(self) -> None:
         verb = self.pick(list(ev.Verb))
         self.tell(ev.ControlReceived(t_ns=self.t_ns, token=self._token(), verb=verb))
+
+    def _lease(self) -> None:
+        """Somebody takes the head, goes on, gives it back or wants it."""
+        self.tell(
+            ev.LeaseAsked(
+                t_ns=self.t_ns,
+                token=self.pick([None, self._token(), self._token()]),
+                wish=self.pick([ev.LeaseWish.TAKE, *ev.LeaseWish]),
+                owner=self.pick(PEOPLE),
+                rank=self.pick([0, 0, 1]),
+                for_s=self.pick([None, 2.0, 60.0, 1e5]),
+            )
+        )
 
     def _answer(self) -> None:
         """What is due: a match, else the head."""
@@ -232,8 +251,9 @@ class Life:
     # what must hold
 
     def tell(self, event: ev.Event) -> None:
-        before = self.machine.state
+        before, owner = self.machine.state, self._owner()
         commands = self.machine.handle(event)
+        self._check_lease(event, owner, commands)
         self.told.append(event)
         self.done += commands
         assert self.machine.state in TRANSITIONS[before, type(event)]
@@ -254,8 +274,10 @@ class Life:
         lost = isinstance(event, ev.DeviceLost)
         if lost and event.device is ev.Device.PTZ:
             self.head = None
-        asks = isinstance(event, ev.RequestReceived | ev.DeviceWell) or (
-            isinstance(event, ev.ControlReceived) and event.verb is ev.Verb.HOME
+        asks = (
+            isinstance(event, ev.RequestReceived | ev.DeviceWell)
+            or (isinstance(event, ev.ControlReceived) and event.verb is ev.Verb.HOME)
+            or (isinstance(event, ev.LeaseAsked) and event.wish is ev.LeaseWish.TAKE)
         )
         if asks:
             self.stands = False
@@ -295,10 +317,41 @@ class Life:
                 self.ended[command.id] = self.ended.get(command.id, 0) + 1
                 assert command.reason
                 assert command.elapsed_ms >= 0
-            case cmd.ReplyAccepted() | cmd.ReplyRefused() | cmd.ReplyOutcome():
+            case cmd.ReplyRefused(token=None):
+                pass
+            case cmd.ReplyAccepted() | cmd.ReplyRefused() | cmd.ReplyOutcome() | cmd.ReplyLease():
                 self.answered[command.token] = self.answered.get(command.token, 0) + 1
             case _:
                 pass
+
+    def _owner(self) -> str | None:
+        lease = self.status.lease
+        return None if lease is None else lease.owner
+
+    def _check_lease(self, event: ev.Event, before: str | None, commands: list[cmd.Command]) -> None:
+        """Nobody else's request moves a leased head; only its owner, a higher rank or time ends the lease."""
+        if any(isinstance(command, cmd.PinFrame) for command in commands) and isinstance(event, ev.RequestReceived):
+            self.by[event.id] = event.by
+        new = [command for command in commands if isinstance(command, cmd.PublishStatus)]
+        after = before if not new else None if new[-1].lease is None else new[-1].lease.owner
+        if before is not None and after == before and not isinstance(event, ev.LeaseAsked):
+            asked = [command for command in commands if isinstance(command, cmd.MoveHead)]
+            active = (new[-1] if new else self.status).active
+            assert not asked or self.by[active] in {before, self.lent.get(active)}, "only what he asked for moves"
+            if active is not None:
+                self.lent[active] = before
+        silent = event.t_ns >= self.heard_ns + self.machine.config.lease.silence_s * SECOND_NS
+        ends = isinstance(event, ev.ShutdownRequested) or silent or event.t_ns >= self.until_ns
+        refused = any(isinstance(command, cmd.ReplyRefused) for command in commands)
+        if isinstance(event, ev.LeaseAsked) and event.owner == after and not refused:
+            self.heard_ns = event.t_ns
+        if new and new[-1].lease is not None:
+            self.until_ns = new[-1].lease.until_ns
+        told = isinstance(event, ev.LeaseAsked) and (event.owner == before or event.rank > 0)
+        assert after == before or before is None or ends or told, (
+            "a lease ends by its owner, a higher rank, or its time"
+        )
+        assert after is None or self.machine.state is not State.HOME, "nobody goes home while it is somebody's"
 
     def _check_deadline(self) -> None:
         """Armed exactly while something is under way; the only thing besides is going home after a while."""
@@ -306,7 +359,7 @@ class Life:
         under_way = bool(self.matches) or self.stop_sent_ns is not None or status.active is not None or status.queue
         if any(isinstance(command, cmd.Finished) for command in self.done):
             assert deadline is None
-        elif under_way or self.machine.state in WORKING | {State.HOME}:
+        elif under_way or self.machine.state in WORKING | {State.HOME} or status.lease is not None:
             assert deadline is not None
         elif self.machine.state is not State.IDLE:
             assert deadline is None

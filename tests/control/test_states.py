@@ -11,6 +11,7 @@ import pytest
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
 from ptzd.control.machine import Machine
+from ptzd.control.ranks import rank_mermaid
 from ptzd.control.states import SERVING, TRANSITIONS, WORKING, ImpossibleEvent, State, mermaid, transition_arrows
 from tests.control.lives import SECOND_NS, plain
 
@@ -43,6 +44,10 @@ def snapshots(new_world) -> dict[State, tuple[ev.Snapshot, int]]:
     keep(world)
     world.run(until=State.HOME)
     keep(world)
+    world.tell(ev.LeaseAsked(t_ns=world.t_ns, token=4, wish=ev.LeaseWish.TAKE, owner="desk"))
+    world.run(until=State.MANUAL)
+    keep(world)
+    world.tell(ev.LeaseAsked(t_ns=world.t_ns, token=5, wish=ev.LeaseWish.GIVE, owner="desk"))
     world.request("c", token=3, hold_s=0.0)
     world.tell(ev.DeviceLost(t_ns=world.t_ns, device=ev.Device.FISHEYE, reason="unplugged"))
     keep(world)
@@ -95,7 +100,8 @@ def test_the_diagram_has_every_state_and_every_arrow() -> None:
     assert {line for line in drawn - arrows if "[*]" not in line} <= {("FAULT", "-->", "STOPPED")}
 
 
-def test_the_diagram_in_readme_is_the_table() -> None:
-    shown = re.search(r"<!-- states -->(.*)<!-- /states -->", README.read_text(), re.DOTALL)
-    assert shown is not None, "README.md marks the diagram with <!-- states --> … <!-- /states -->"
-    assert shown.group(1).strip() == f"```mermaid\n{mermaid()}\n```", "renew it: ptzd states"
+@pytest.mark.parametrize(("name", "drawn"), [("states", mermaid()), ("ranks", rank_mermaid())])
+def test_the_diagrams_in_readme_are_what_the_code_says(name: str, drawn: str) -> None:
+    shown = re.search(rf"<!-- {name} -->(.*)<!-- /{name} -->", README.read_text(), re.DOTALL)
+    assert shown is not None, f"README.md marks the diagram with <!-- {name} --> … <!-- /{name} -->"
+    assert shown.group(1).strip() == f"```mermaid\n{drawn}\n```", "renew it: ptzd states [--ranks]"

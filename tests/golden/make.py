@@ -30,6 +30,7 @@ from ptzd.app.loopback import reserved_port
 from ptzd.app.replaying import replay
 from ptzd.app.simulate import DEFAULT_PASSWORD, RIG, write_config
 from ptzd.bus.client import Client
+from ptzd.bus.messages import LeaseRequest
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
 from ptzd.errors import RequestRefused
@@ -117,12 +118,24 @@ async def update(site: Site) -> None:
     await site.client.result("moving", timeout_s=PATIENCE_S)
 
 
+async def lease(site: Site) -> None:
+    """Somebody takes the head and is not heard of again; what waited goes on."""
+    await site.client.request(box=BOX, id="interrupted", hold_s=60.0)
+    await site.until_locked("interrupted")
+    await site.client.ask_lease(LeaseRequest(owner="desk"))
+    await site.client.result("interrupted", timeout_s=PATIENCE_S)
+    await site.until_state("MANUAL")
+    await site.client.request(box=NEAR, id="waits", hold_s=0.0)
+    await site.client.result("waits", timeout_s=PATIENCE_S)
+
+
 STORIES: dict[str, Story] = {
     "lock": lock,
     "refusal": refusal,
     "preemption": preemption,
     "device_loss": device_loss,
     "update": update,
+    "lease": lease,
 }
 
 

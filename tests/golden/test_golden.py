@@ -28,6 +28,7 @@ OUTCOMES = {
     "preemption": {"slow": "preempted", "urgent": "locked"},
     "device_loss": {"interrupted": "device_lost"},
     "update": {"moving": "locked"},
+    "lease": {"interrupted": "preempted", "waits": "locked"},
 }
 
 
