@@ -30,8 +30,8 @@ from ptzd.devices.v4l2 import V4l2Fisheye
 from ptzd.devices.vapix.head import VapixHead
 from ptzd.documents import parse_mapping
 from ptzd.errors import LogError
-from ptzd.log.illustrate import Illustrator
-from ptzd.log.run import RunInfo
+from ptzd.evidence.illustrate import Illustrator
+from ptzd.log.run_info import RunInfo
 from ptzd.log.writer import McapLog
 from ptzd.ports import Clock, FrameSource
 from ptzd.runtime.clock import SteadyClock

@@ -16,11 +16,11 @@ import aiohttp
 import numpy as np
 
 from ptzd.app.loopback import reserved_port
-from ptzd.app.sheet import write_sheet
 from ptzd.bus.client import Client
 from ptzd.bus.messages import RoiResult
 from ptzd.control.wording import in_words
 from ptzd.errors import PtzdError, SimulationError
+from ptzd.evidence.sheet import write_sheet
 from ptzd.geometry.sphere import angle_between, bearing
 from ptzd.sim.scene import load_scene
 

@@ -6,8 +6,8 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
-from ptzd.log.export import bundle, export
-from ptzd.log.info import describe, document, lines
+from ptzd.evidence.export import bundle, export
+from ptzd.evidence.info import describe, document, lines
 from ptzd.log.recover import recover
 
 

@@ -17,7 +17,7 @@ from ptzd.errors import CalibrationError, LogError
 from ptzd.log.migrations import settings_now
 from ptzd.log.reader import LogReader
 from ptzd.log.records import RecordFile
-from ptzd.log.run import RunInfo
+from ptzd.log.run_info import RunInfo
 from ptzd.replay.compare import ACROSS_MACHINES, ACROSS_OPENCV, EXACT, ROUNDING, Tolerance
 from ptzd.replay.drive import Player, Replay
 from ptzd.runtime.perception import ThreadPerception

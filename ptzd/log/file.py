@@ -13,7 +13,7 @@ from mcap.records import Channel, Schema
 from mcap.writer import CompressionType, Writer
 
 from ptzd import __version__
-from ptzd.log.run import CALIBRATION, CONFIG, METADATA, RunInfo
+from ptzd.log.run_info import CALIBRATION, CONFIG, METADATA, RunInfo
 from ptzd.log.topics import TOPICS, Topic
 from ptzd.log.topics import topic as find_topic
 

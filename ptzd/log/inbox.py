@@ -11,7 +11,7 @@ from ptzd.config import LogSettings
 from ptzd.control.commands import Command
 from ptzd.control.events import Event
 from ptzd.log.protobuf import CompressedImage, encode_image
-from ptzd.log.run import RunInfo
+from ptzd.log.run_info import RunInfo
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -19,7 +19,7 @@ from ptzd.config import LogSettings
 from ptzd.errors import LogError
 from ptzd.log import retention
 from ptzd.log.file import McapFile
-from ptzd.log.foxglove import Level
+from ptzd.log.notes import Level
 from ptzd.log.recover import recover
 from ptzd.ports import Clock
 

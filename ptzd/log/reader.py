@@ -29,7 +29,7 @@ from ptzd.log.records import (
     inner_frames,
     message_head,
 )
-from ptzd.log.run import CALIBRATION, CONFIG, METADATA, RunInfo, run_info
+from ptzd.log.run_info import CALIBRATION, CONFIG, METADATA, RunInfo, run_info
 from ptzd.log.topics import COMMAND, EVENT, IMAGES
 from ptzd.model import FrameRef
 

@@ -19,11 +19,11 @@ from ptzd.control.events import Event, Snapshot
 from ptzd.errors import PtzdError
 from ptzd.log import retention
 from ptzd.log.file import McapFile
-from ptzd.log.foxglove import Level, log_message
 from ptzd.log.inbox import Adopt, Cut, End, Inbox, Record, Settle
 from ptzd.log.keeper import Keeper
+from ptzd.log.notes import Level, log_message
 from ptzd.log.protobuf import CompressedImage
-from ptzd.log.run import RunInfo
+from ptzd.log.run_info import RunInfo
 from ptzd.ports import Clock
 
 CHUNK_S = 0.25

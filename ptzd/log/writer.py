@@ -18,13 +18,13 @@ from ptzd.control.events import Event, MatchFailed, MatchFinished, Snapshot, Vie
 from ptzd.errors import LogError
 from ptzd.log import retention
 from ptzd.log.codec import encode
-from ptzd.log.foxglove import Level
 from ptzd.log.inbox import Adopt, Cut, End, Inbox, Item, Record, Settle
 from ptzd.log.keeper import PATIENCE_S
-from ptzd.log.late import RecentPictures
+from ptzd.log.notes import Level
 from ptzd.log.protobuf import NS, CompressedImage
+from ptzd.log.recent_pictures import RecentPictures
 from ptzd.log.recover import recover_directory
-from ptzd.log.run import RunInfo
+from ptzd.log.run_info import RunInfo
 from ptzd.log.scribe import Illustrate, Scribe, nothing
 from ptzd.log.topics import COMMAND, EVENT, FISHEYE_IMAGE, IMAGES, PTZ_IMAGE
 from ptzd.log.topics import topic as find_topic

@@ -12,7 +12,7 @@ from ptzd.control.events import FrameArrived, Snapshot
 from ptzd.log.file import McapFile
 from ptzd.log.protobuf import CompressedImage, encode_image
 from ptzd.log.recover import recover
-from ptzd.log.run import RunInfo
+from ptzd.log.run_info import RunInfo
 from ptzd.log.topics import FISHEYE_IMAGE
 from ptzd.log.writer import McapLog
 from ptzd.model import FrameRef

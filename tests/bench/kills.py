@@ -27,7 +27,7 @@ from ptzd.control.events import FrameArrived, Snapshot
 from ptzd.log import file as file_module
 from ptzd.log.reader import LoggedEvent, LogReader
 from ptzd.log.recover import recover_directory
-from ptzd.log.run import RunInfo
+from ptzd.log.run_info import RunInfo
 from ptzd.log.topics import FISHEYE_IMAGE
 from ptzd.log.writer import McapLog
 from ptzd.model import FrameRef

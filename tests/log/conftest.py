@@ -23,9 +23,9 @@ from ptzd.geometry.unified import UnifiedCamera
 from ptzd.geometry.zoom import ZoomEntry, ZoomTable
 from ptzd.log.codec import encode
 from ptzd.log.file import McapFile
-from ptzd.log.foxglove import Level, log_message
+from ptzd.log.notes import Level, log_message
 from ptzd.log.protobuf import CompressedImage, encode_image
-from ptzd.log.run import RunInfo
+from ptzd.log.run_info import RunInfo
 from ptzd.model import Box, Candidate, FrameRef, HeadReading, Matcher, MatchResult, Motion, Outcome, ViewRef
 from ptzd.ports import Picture
 

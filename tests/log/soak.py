@@ -18,7 +18,7 @@ import numpy as np
 from ptzd.config import LogSettings
 from ptzd.control.events import FrameArrived, HeadPolled, Snapshot
 from ptzd.log.reader import LogReader
-from ptzd.log.run import RunInfo
+from ptzd.log.run_info import RunInfo
 from ptzd.log.topics import FISHEYE_IMAGE, PTZ_IMAGE
 from ptzd.log.writer import McapLog
 from ptzd.model import FrameRef, HeadReading, Motion

@@ -21,7 +21,7 @@ from ptzd.log.protobuf import CompressedImage, encode_image
 from ptzd.log.reader import LogReader
 from ptzd.log.records import RecordFile
 from ptzd.log.recover import recover, recover_directory
-from ptzd.log.run import RunInfo
+from ptzd.log.run_info import RunInfo
 from ptzd.log.topics import EVENT, FISHEYE_IMAGE, TOPICS
 from ptzd.model import FrameRef
 

@@ -21,7 +21,7 @@ from ptzd.control import events as ev
 from ptzd.control.machine import Machine
 from ptzd.control.states import State
 from ptzd.geometry.rig import Rig
-from ptzd.log.run import RunInfo
+from ptzd.log.run_info import RunInfo
 from ptzd.log.writer import McapLog
 from ptzd.model import FrameRef
 from ptzd.ports import Picture

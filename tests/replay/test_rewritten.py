@@ -15,7 +15,7 @@ from mcap.writer import CompressionType, Writer
 from ptzd.app.replaying import replay
 from ptzd.cli import entry
 from ptzd.errors import LogError
-from ptzd.log.info import describe
+from ptzd.evidence.info import describe
 from ptzd.log.reader import LogReader
 from ptzd.log.recover import recover
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ptzd.control.events import MatchFinished
-from ptzd.log.along import Curve
+from ptzd.evidence.score_curve import Curve
 
 _WIDTH, _HEIGHT = 760, 260
 _LEFT, _RIGHT, _TOP, _BOTTOM = 60, 20, 20, 50
@@ -20,7 +20,7 @@ def score_plot(curve: Curve, answer: MatchFinished, unit: str) -> str:
     Parameters
     ----------
     curve : Curve
-        From :func:`ptzd.log.along.score_along`.
+        From :func:`ptzd.evidence.score_curve.score_along`.
     answer : MatchFinished
         Its candidates are the dots, the chosen one larger.
     unit : str

@@ -8,11 +8,11 @@ import pytest
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
 from ptzd.errors import LogError
+from ptzd.evidence.info import describe, document, lines
+from ptzd.evidence.story import collect
+from ptzd.evidence.times import clock_time
 from ptzd.log.file import McapFile
-from ptzd.log.info import describe, document, lines
 from ptzd.log.reader import LoggedCommand, LoggedEvent, LogReader
-from ptzd.log.story import collect
-from ptzd.log.times import clock_time
 from ptzd.model import Box, Outcome
 
 

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ptzd.evidence.foxglove import CYAN, GREEN, YELLOW, Rgba, colour
 from ptzd.geometry.arc import EpipolarArc
 from ptzd.geometry.kannala_brandt import KannalaBrandtCamera
 from ptzd.geometry.perspective import PerspectiveCamera
@@ -17,7 +18,7 @@ from ptzd.geometry.rig import Rig
 from ptzd.geometry.sphere import rotvec_from_rotation
 from ptzd.geometry.types import Array, CameraModel
 from ptzd.geometry.unified import UnifiedCamera
-from ptzd.log.foxglove import CYAN, GREEN, YELLOW, Json, Rgba, colour, stamp
+from ptzd.log.notes import Json, stamp
 from ptzd.model import HeadReading
 
 WORLD_FROM_HEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])

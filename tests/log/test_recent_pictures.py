@@ -2,7 +2,7 @@
 
 import pytest
 
-from ptzd.log.late import RecentPictures
+from ptzd.log.recent_pictures import RecentPictures
 
 TOPIC = "/fisheye/image"
 

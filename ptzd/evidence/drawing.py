@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from ptzd.control.events import MatchFinished
 from ptzd.errors import DeviceGarbled
+from ptzd.evidence import arcs
+from ptzd.evidence.story import Look, Story
 from ptzd.geometry.rig import Rig
 from ptzd.jpeg.pixels import decode_bgr
-from ptzd.log import curves
-from ptzd.log.story import Look, Story
 from ptzd.model import Box
 
 Pixels = NDArray[np.uint8]
@@ -47,11 +47,11 @@ def fisheye(pixels: Pixels, rig: Rig, story: Story) -> Pixels:
     picture = pixels.copy()
     if story.box is not None:
         _polyline(picture, story.box.corners, GREEN, closed=True, thickness=2)
-    arc = curves.arc_of(rig, story.looks[0].job) if story.looks else None
+    arc = arcs.arc_of(rig, story.looks[0].job) if story.looks else None
     if arc is not None:
-        for line in curves.in_fisheye(rig, arc):
+        for line in arcs.in_fisheye(rig, arc):
             _polyline(picture, line, YELLOW, thickness=2)
-    epipole = curves.epipole_in_fisheye(rig)
+    epipole = arcs.epipole_in_fisheye(rig)
     if epipole is not None:
         x, y = epipole
         cv2.drawMarker(picture, (round(x), round(y)), CYAN, cv2.MARKER_TILTED_CROSS, 12, 1)
@@ -77,9 +77,9 @@ def crop(pixels: Pixels, box: Box) -> Pixels:
 def view(pixels: Pixels, rig: Rig, look: Look) -> Pixels:
     """A PTZ picture with the arc, the found box and its score; lesser candidates in red."""
     picture = pixels.copy()
-    arc = curves.arc_of(rig, look.job)
+    arc = arcs.arc_of(rig, look.job)
     if arc is not None:
-        for line in curves.in_view(rig, arc, look.job.view.reading):
+        for line in arcs.in_view(rig, arc, look.job.view.reading):
             _polyline(picture, line, YELLOW, thickness=2)
     if not isinstance(look.answer, MatchFinished):
         return picture

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from ptzd.calibration.file import read_rig
 from ptzd.control import events as ev
 from ptzd.control.wording import range_in_words
+from ptzd.evidence import drawing
+from ptzd.evidence.story import Look, Story, collect
 from ptzd.geometry.rig import Rig
-from ptzd.log import drawing
 from ptzd.log.reader import LogReader
-from ptzd.log.story import Look, Story, collect
 
 Pixels = NDArray[np.uint8]
 

@@ -12,11 +12,11 @@ from jsonschema import Draft7Validator
 
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
+from ptzd.evidence import arcs, scene
+from ptzd.evidence.illustrate import Illustrator
 from ptzd.geometry.kannala_brandt import KannalaBrandtCamera
 from ptzd.geometry.sphere import bearing
-from ptzd.log import curves, scene
-from ptzd.log.foxglove import Level
-from ptzd.log.illustrate import Illustrator
+from ptzd.log.notes import Level
 from ptzd.log.reader import LogReader
 from ptzd.log.topics import TOPICS
 from ptzd.log.writer import McapLog
@@ -128,29 +128,29 @@ def test_annotations_carry_the_time_of_their_picture_and_the_corners_of_its_pixe
 
 
 def test_the_arc_starts_at_the_box_and_lies_on_the_plane_of_ray_and_baseline(rig):
-    arc = curves.arc_of(rig, dataclasses.replace(JOB, inverse_range=(0.0, 1.0)))
-    (line,) = curves.in_fisheye(rig, arc)
+    arc = arcs.arc_of(rig, dataclasses.replace(JOB, inverse_range=(0.0, 1.0)))
+    (line,) = arcs.in_fisheye(rig, arc)
     assert line[0] == pytest.approx(BOX.centre, abs=1e-6)
     rays, _ = rig.fisheye.lift(np.array(line))
     normal = np.cross(rig.head_from_fisheye_translation, rays[0])
     assert np.abs(rays @ (normal / np.linalg.norm(normal))).max() < 1e-9
-    (seen,) = curves.in_view(rig, arc, READING)
+    (seen,) = arcs.in_view(rig, arc, READING)
     assert len(seen) > 10
-    assert curves.in_view(rig, arc, dataclasses.replace(READING, zoom=50_000.0)) == []
+    assert arcs.in_view(rig, arc, dataclasses.replace(READING, zoom=50_000.0)) == []
 
 
 def test_the_epipole_is_where_the_fisheye_sees_the_head(rig):
     toward = dataclasses.replace(rig, head_from_fisheye_translation=np.array([-0.5, 0.0, -0.5]))
-    x, y = curves.epipole_in_fisheye(toward)
+    x, y = arcs.epipole_in_fisheye(toward)
     (ray,), _ = toward.fisheye.lift(np.array([[x, y]]))
     assert ray == pytest.approx([math.sqrt(0.5), 0.0, math.sqrt(0.5)], abs=1e-9)
     behind = dataclasses.replace(rig, head_from_fisheye_translation=np.array([0.0, 0.0, 0.5]))
-    assert curves.epipole_in_fisheye(behind) is None
+    assert arcs.epipole_in_fisheye(behind) is None
 
 
 def test_a_box_beyond_the_image_circle_is_drawn_without_an_arc(rig):
     job = dataclasses.replace(JOB, box=Box(x=0.0, y=0.0, w=8.0, h=8.0))
-    assert curves.arc_of(rig, job) is None
+    assert arcs.arc_of(rig, job) is None
     documents = told(rig, job, ev.MatchFinished(t_ns=T0, match_id=1, result=MATCH))
     assert len(of(documents, "/fisheye/annotations")[0]["points"]) == 1
     assert of(documents, "/scene") == []
@@ -229,7 +229,7 @@ def test_the_target_ray_ends_where_the_match_says(rig):
     target = updates[-1]["entities"][0]
     assert target["id"] == "target"
     tip = np.array([target["lines"][0]["points"][-1][axis] for axis in "xyz"])
-    arc = curves.arc_of(rig, JOB)
+    arc = arcs.arc_of(rig, JOB)
     assert np.linalg.norm(tip) == pytest.approx(1.0 / float(arc.head_inverse_range(0.25)))
     assert tip / np.linalg.norm(tip) == pytest.approx(bearing(0.17, 0.08))
 

@@ -7,9 +7,8 @@ moved by half a pixel here and nowhere else.
 from collections.abc import Iterable, Sequence
 from enum import IntEnum
 
-from ptzd.log.protobuf import NS
+from ptzd.log.notes import Json, stamp
 
-Json = dict[str, object]
 Point = tuple[float, float]
 Rgba = tuple[float, float, float, float]
 
@@ -20,15 +19,6 @@ RED: Rgba = (1.0, 0.25, 0.2, 1.0)
 _NOTHING: Rgba = (0.0, 0.0, 0.0, 0.0)
 
 
-class Level(IntEnum):
-    """``foxglove.LogLevel``."""
-
-    DEBUG = 1
-    INFO = 2
-    WARNING = 3
-    ERROR = 4
-
-
 class Line(IntEnum):
     """How a ``foxglove.PointsAnnotation`` joins its points."""
 
@@ -36,19 +26,9 @@ class Line(IntEnum):
     STRIP = 3
 
 
-def stamp(t_ns: int) -> Json:
-    """Time as these schemas write it."""
-    return {"sec": t_ns // NS, "nsec": t_ns % NS}
-
-
 def colour(rgba: Rgba) -> Json:
     """``foxglove.Color``."""
     return dict(zip("rgba", rgba, strict=True))
-
-
-def log_message(t_ns: int, level: Level, name: str, text: str) -> Json:
-    """``foxglove.Log``."""
-    return {"timestamp": stamp(t_ns), "level": int(level), "message": text, "name": name, "file": "", "line": 0}
 
 
 def _at(point: Point) -> Json:

@@ -11,11 +11,12 @@ from typing import TypeVar
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
 from ptzd.control.wording import scaled
+from ptzd.evidence import arcs, foxglove, scene, tables
+from ptzd.evidence.foxglove import CYAN, GREEN, RED, YELLOW, Line, Rgba
 from ptzd.geometry.arc import EpipolarArc
 from ptzd.geometry.rig import Rig
 from ptzd.geometry.sphere import bearing
-from ptzd.log import curves, foxglove, scene, tables
-from ptzd.log.foxglove import CYAN, GREEN, RED, YELLOW, Json, Level, Line, Rgba
+from ptzd.log.notes import Json, Level, log_message
 from ptzd.log.scribe import Document
 from ptzd.model import Box, Candidate, HeadReading, MatchResult, Outcome
 
@@ -101,7 +102,7 @@ class Illustrator:
         key = (told.request_id, told.frame.t_capture_ns)
         if key == self._drawn:
             return
-        arc = curves.arc_of(self._rig, told)
+        arc = arcs.arc_of(self._rig, told)
         label = self._boxes[told.request_id][1] if told.request_id in self._boxes else ""
         yield self._fisheye(told.frame.t_capture_ns, told.box, label or told.request_id, arc)
         if arc is not None:
@@ -114,7 +115,7 @@ class Illustrator:
         yield _at("/match", t_ns, scaled(tables.match_document(told, job), metric=self._rig.metric))
         if job is None:
             return
-        arc = curves.arc_of(self._rig, job)
+        arc = arcs.arc_of(self._rig, job)
         yield self._view(job, told.result, arc)
         if told.result.candidates and arc is not None:
             best = told.result.candidates[0]
@@ -180,11 +181,11 @@ class Illustrator:
         lines = [foxglove.lines(t_ns, box.corners, Line.LOOP, GREEN)]
         lines += [
             foxglove.lines(t_ns, line, Line.STRIP, YELLOW, 1.5)
-            for line in ([] if arc is None else curves.in_fisheye(self._rig, arc))
+            for line in ([] if arc is None else arcs.in_fisheye(self._rig, arc))
         ]
         texts = [foxglove.label(t_ns, (box.x, box.y - 2.0), text, GREEN)]
         circles = []
-        epipole = curves.epipole_in_fisheye(self._rig)
+        epipole = arcs.epipole_in_fisheye(self._rig)
         if epipole is not None:
             circles = [foxglove.circle(t_ns, epipole, 10.0, CYAN)]
             texts.append(foxglove.label(t_ns, (epipole[0] + 7.0, epipole[1]), "epipole", CYAN, 11.0))
@@ -200,7 +201,7 @@ class Illustrator:
             lines.append(foxglove.lines(t_ns, candidate.box_px, Line.LOOP, shown, 2.5 if rank == 0 else 1.0))
             texts.append(_score(t_ns, candidate, shown))
         if arc is not None:
-            found = curves.in_view(self._rig, arc, job.view.reading)
+            found = arcs.in_view(self._rig, arc, job.view.reading)
             lines += [foxglove.lines(t_ns, line, Line.STRIP, YELLOW, 1.0) for line in found]
         return _at("/ptz/annotations", t_ns, foxglove.annotations(t_ns, lines, (), texts))
 
@@ -217,7 +218,7 @@ def _at(topic: str, t_ns: int, body: Json) -> Document:
 
 
 def _say(t_ns: int, text: str, level: Level = Level.INFO) -> Document:
-    return _at("/log", t_ns, foxglove.log_message(t_ns, level, NAME, text))
+    return _at("/log", t_ns, log_message(t_ns, level, NAME, text))
 
 
 def _remember(known: OrderedDict[_K, _V], key: _K, value: _V) -> None:

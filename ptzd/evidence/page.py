@@ -11,15 +11,15 @@ import numpy as np
 
 from ptzd.control.events import MatchFailed, MatchFinished
 from ptzd.errors import LogError, PtzdError
+from ptzd.evidence import drawing, score_curve
+from ptzd.evidence.plot import score_plot
+from ptzd.evidence.story import Look, Story
+from ptzd.evidence.times import clock_time
+from ptzd.evidence.words import distance, sentences
 from ptzd.geometry.rig import Rig
-from ptzd.log import along, drawing
-from ptzd.log.plot import score_plot
 from ptzd.log.protobuf import NS
 from ptzd.log.reader import LogReader
-from ptzd.log.story import Look, Story
-from ptzd.log.times import clock_time
 from ptzd.log.topics import FISHEYE_IMAGE, PTZ_IMAGE
-from ptzd.log.words import distance, sentences
 from ptzd.model import FrameRef
 
 MAX_VIEWS = 24
@@ -37,7 +37,7 @@ table{border-collapse:collapse;font-size:.92rem}td,th{padding:.15rem .9rem .15re
 """
 
 
-def page(log: LogReader, rig: Rig, story: Story) -> str:
+def render(log: LogReader, rig: Rig, story: Story) -> str:
     """Self-contained HTML of one request.
 
     Parameters
@@ -221,7 +221,7 @@ def _curves(log: LogReader, rig: Rig, story: Story) -> str:
         return "<p>Nothing was found, so there is no curve to show.</p>"
     grey = (cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY) for pixels in (fisheye, view))
     try:
-        curve = along.score_along(rig, look, *(np.asarray(pixels, np.uint8) for pixels in grey))
+        curve = score_curve.score_along(rig, look, *(np.asarray(pixels, np.uint8) for pixels in grey))
     except LogError:
         raise
     except PtzdError as error:

@@ -13,12 +13,12 @@ import pytest
 
 from ptzd.control import events as ev
 from ptzd.errors import LogError
-from ptzd.log import along, drawing, evidence
-from ptzd.log.export import bundle, export, page_name
+from ptzd.evidence import drawing, page, score_curve
+from ptzd.evidence.export import bundle, export, page_name
+from ptzd.evidence.info import describe
+from ptzd.evidence.story import Look, Story
 from ptzd.log.file import McapFile
-from ptzd.log.info import describe
 from ptzd.log.reader import LogReader
-from ptzd.log.story import Look, Story
 from ptzd.model import Box, FrameRef
 
 
@@ -83,11 +83,11 @@ class Page(HTMLParser):
 
 def test_a_page_stands_alone(lock_log, tmp_path):
     out = bundle(lock_log, "gate-1", tmp_path / "gate.html")
-    page = Page()
-    page.feed(out.read_text())
-    assert page.open == []
-    assert len(page.sources) == 3, "region, fisheye, one view"
-    for source in page.sources:
+    shown = Page()
+    shown.feed(out.read_text())
+    assert shown.open == []
+    assert len(shown.sources) == 3, "region, fisheye, one view"
+    for source in shown.sources:
         kind, data = source.split(",")
         assert kind == "data:image/jpeg;base64"
         assert cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_COLOR) is not None
@@ -145,7 +145,7 @@ def look(lock_log):
 
 
 def test_the_score_peaks_at_the_true_range(rig, lock, look):
-    curve = along.score_along(rig, look, grey(lock, 0), grey(lock, 1))
+    curve = score_curve.score_along(rig, look, grey(lock, 0), grey(lock, 1))
     best = int(np.nanargmax(curve.score))
     assert curve.score[best] > 0.9
     assert 1.0 / curve.inverse_range[best] == pytest.approx(lock.range_m, rel=0.05)
@@ -156,13 +156,13 @@ def test_the_score_peaks_at_the_true_range(rig, lock, look):
 def test_places_out_of_view_have_no_score(rig, lock, look):
     aside = dataclasses.replace(look.job.view.reading, pan_deg=35.0)
     job = dataclasses.replace(look.job, view=dataclasses.replace(look.job.view, reading=aside))
-    curve = along.score_along(rig, dataclasses.replace(look, job=job), grey(lock, 0), grey(lock, 1))
+    curve = score_curve.score_along(rig, dataclasses.replace(look, job=job), grey(lock, 0), grey(lock, 1))
     assert np.isnan(curve.score).any()
 
 
 def test_a_box_outside_the_image_circle_has_no_curve(rig, lock, look):
     job = dataclasses.replace(look.job, box=Box(x=0.0, y=0.0, w=8.0, h=8.0))
-    assert along.score_along(rig, dataclasses.replace(look, job=job), grey(lock, 0), grey(lock, 1)) is None
+    assert score_curve.score_along(rig, dataclasses.replace(look, job=job), grey(lock, 0), grey(lock, 1)) is None
 
 
 def test_the_found_box_is_drawn_where_it_is(rig, lock, look):
@@ -179,12 +179,12 @@ def test_the_found_box_is_drawn_where_it_is(rig, lock, look):
 def test_pages_of_requests_that_found_nothing(lock_log, rig, answer, look):
     with LogReader(lock_log) as log:
         story = Story(id="x", t_ns=0, looks=[Look(t_ns=0, job=look.job, answer=answer)])
-        text = evidence.page(log, rig, story)
+        text = page.render(log, rig, story)
         assert "Nothing was found" in text
         elsewhere = dataclasses.replace(look.job, frame=dataclasses.replace(look.job.frame, seq=999))
         missing = Story(id="x", t_ns=0, looks=[Look(t_ns=0, job=elsewhere, answer=answer)])
-        assert "not in this file" in evidence.page(log, rig, missing)
-        assert "No view was matched" in evidence.page(log, rig, Story(id="x", t_ns=0))
+        assert "not in this file" in page.render(log, rig, missing)
+        assert "No view was matched" in page.render(log, rig, Story(id="x", t_ns=0))
 
 
 def test_wild_boxes_are_drawn_without_harm(rig, lock, look):

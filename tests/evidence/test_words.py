@@ -4,10 +4,10 @@ import dataclasses
 
 import pytest
 
-from ptzd.log import evidence
+from ptzd.evidence import page
+from ptzd.evidence.story import Step, Story, collect
+from ptzd.evidence.words import ENDS, distance, sentences
 from ptzd.log.reader import LogReader
-from ptzd.log.story import Step, Story, collect
-from ptzd.log.words import ENDS, distance, sentences
 from ptzd.model import Outcome
 
 
@@ -39,10 +39,10 @@ def test_what_is_not_known_is_not_told(rig):
 
 def test_the_lock_stands_beside_the_region(lock_log, rig, story):
     with LogReader(lock_log) as log:
-        assert "the lock, after" not in evidence.page(log, rig, story)
+        assert "the lock, after" not in page.render(log, rig, story)
         story.steps.append(Step(t_ns=story.t_ns, sequence=7, what="locked", text=""))
-        page = evidence.page(log, rig, story)
-    assert page.index("the region that was asked for") < page.index("the lock, after") < page.index("fisheye frame 11")
-    assert "The lock is shown above." in page
-    assert "ptzd replay --recompute lock.mcap" in page
-    assert "best score 0.970" in page
+        text = page.render(log, rig, story)
+    assert text.index("the region that was asked for") < text.index("the lock, after") < text.index("fisheye frame 11")
+    assert "The lock is shown above." in text
+    assert "ptzd replay --recompute lock.mcap" in text
+    assert "best score 0.970" in text

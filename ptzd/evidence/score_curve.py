@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ptzd.control.events import MatchFinished
+from ptzd.evidence.arcs import arc_of
+from ptzd.evidence.story import Look
 from ptzd.geometry.rig import Rig
 from ptzd.geometry.sphere import cross, rotation_from_rotvec
 from ptzd.geometry.types import Array, in_picture, pixel_angle_rad
-from ptzd.log.curves import arc_of
-from ptzd.log.story import Look
 
 SIDE = 32
 """Samples along each side of the box."""

@@ -12,11 +12,11 @@ from ptzd.calibration.file import read_rig
 from ptzd.control.events import HeadPolled, MatchFinished
 from ptzd.control.wording import scaled
 from ptzd.errors import LogError
+from ptzd.evidence import drawing, page
+from ptzd.evidence.story import Stories, Story
+from ptzd.evidence.tables import match_document, result_document
 from ptzd.geometry.rig import Rig
-from ptzd.log import drawing, evidence
 from ptzd.log.reader import LoggedEvent, LogReader
-from ptzd.log.story import Stories, Story
-from ptzd.log.tables import match_document, result_document
 from ptzd.log.topics import COMMAND, EVENT, IMAGES
 
 _UNSAFE = re.compile(r"[^A-Za-z0-9._-]")
@@ -72,10 +72,10 @@ def export(path: Path, out: Path, *, pictures: bool = False) -> Export:
             found = _collect(log, out / "pictures" if pictures else None)
             _write_tables(found, out)
             for number, story in enumerate(found.stories.all):
-                page = out / page_name(number, story)
-                _write_page(log, rig, story, page)
+                path = out / page_name(number, story)
+                _write_page(log, rig, story, path)
                 if pictures:
-                    _write_overlays(log, rig, story, out / "overlays" / page.stem)
+                    _write_overlays(log, rig, story, out / "overlays" / path.stem)
         except OSError as error:
             raise LogError(f"{out}: the export cannot be written: {error.strerror}") from None
     return Export(directory=out, requests=len(found.stories.all), pictures=len(found.frames) if pictures else 0)
@@ -111,11 +111,11 @@ def page_name(number: int, story: Story) -> str:
 
 
 def _write_page(log: LogReader, rig: Rig, story: Story, out: Path) -> None:
-    out.write_text(evidence.page(log, rig, story), encoding="utf-8")
+    out.write_text(page.render(log, rig, story), encoding="utf-8")
 
 
 def _write_overlays(log: LogReader, rig: Rig, story: Story, folder: Path) -> None:
-    for name, pixels in evidence.overlays(log, rig, story):
+    for name, pixels in page.overlays(log, rig, story):
         folder.mkdir(parents=True, exist_ok=True)
         (folder / f"{name}.jpg").write_bytes(drawing.encode(pixels))
 
