@@ -15,13 +15,13 @@ from typing import Literal
 import cv2
 import msgspec
 
-from ptzd.app.drift import DriftWatch
 from ptzd.app.fingerprint import fingerprint, versions
 from ptzd.app.loading import Loaded, load
 from ptzd.app.reloading import Reloader
 from ptzd.bus.answers import LogHandler
 from ptzd.bus.messages import LogReference
 from ptzd.bus.server import ZenohBus
+from ptzd.calibrate.watch import DriftWatch
 from ptzd.config import FilesSource, FisheyeSource, HttpSource
 from ptzd.control.states import State
 from ptzd.devices.files import FilesFisheye

@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 import yaml
 
-from ptzd.app.drift import in_force
+from ptzd.calibrate.refined import in_force
 from ptzd.calibration.file import read_rig
 from ptzd.config import Config, FilesSource, HttpSource, parse_config
 from ptzd.devices.vapix.address import Address
@@ -39,7 +39,7 @@ def load(path: Path) -> Loaded:
     ConfigError, CalibrationError
         With file and path of the culprit.
     """
-    config = _anchored(load_config(path), path.parent)
+    config = load_settings(path)
     _check_addresses(config)
     calibration_path = Path(config.calibration)
     try:
@@ -56,6 +56,11 @@ def load(path: Path) -> Loaded:
         rig=checked_rig(config, calibration_text, str(calibration_path)),
         calibration_text=calibration_text,
     )
+
+
+def load_settings(path: Path) -> Config:
+    """Settings with their paths found from where the settings are; no calibration is needed."""
+    return _anchored(load_config(path), path.parent)
 
 
 def checked_rig(config: Config, text: str, name: str) -> Rig:

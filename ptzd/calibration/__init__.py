@@ -1,1 +1,1 @@
-"""From pictures and angles to a calibrated rig, and the file that keeps it."""
+"""From what was seen at which angles to a calibrated rig, and the file that keeps it: mathematics and forms alone."""

@@ -20,7 +20,7 @@ from ptzd.errors import CalibrationError
 from ptzd.plain import plain, plain_lines
 
 if TYPE_CHECKING:
-    from ptzd.app.calibrating import Outcome
+    from ptzd.calibrate.parts import Outcome
     from ptzd.calibration.guide import Advice
 
 _WORK = Path("calibration")
@@ -144,7 +144,8 @@ def _target(arguments: argparse.Namespace) -> Target:
 
 
 def _capture(arguments: argparse.Namespace) -> int:
-    from ptzd.app.calibrate_capture import ZOOMS, capture
+    from ptzd.app.capturing import capture
+    from ptzd.calibrate.capture import ZOOMS
 
     zooms = ZOOMS if arguments.zooms is None else _numbers(arguments.zooms)
     pan, tele = _pair("--pan", arguments.pan), _pair("--tele", arguments.tele)
@@ -167,7 +168,7 @@ def _pair(option: str, text: str | None) -> tuple[float, float] | None:
 
 
 def _simulate(arguments: argparse.Namespace) -> int:
-    from ptzd.app.studio import Studio
+    from ptzd.calibrate.studio import Studio
 
     target = Target(columns=8, rows=6, pitch_m=0.03)
     studio = Studio(arguments.scene, arguments.profile, arguments.work, target, arguments.seed)
@@ -178,8 +179,8 @@ def _simulate(arguments: argparse.Namespace) -> int:
 
 
 def _fisheye(arguments: argparse.Namespace) -> int:
-    from ptzd.app import calibrating
-    from ptzd.app.calibrate_report import fisheye_report
+    from ptzd.calibrate import parts
+    from ptzd.calibrate.report import fisheye_report
 
     if arguments.source is not None:
         return _import(arguments)
@@ -190,7 +191,7 @@ def _fisheye(arguments: argparse.Namespace) -> int:
         raise CalibrationError(
             "fisheye: give the folder with pictures of the board, --live with --config, or --from a calibration"
         )
-    outcome, fit, boards = calibrating.fisheye(
+    outcome, fit, boards = parts.fisheye(
         pictures, _target(arguments), arguments.work, arguments.model or "unified", _say
     )
     report = arguments.report or arguments.work / "fisheye.html"
@@ -199,8 +200,8 @@ def _fisheye(arguments: argparse.Namespace) -> int:
 
 
 def _import(arguments: argparse.Namespace) -> int:
-    from ptzd.app.calibrate_import import foreign
-    from ptzd.app.calibrate_report import import_report
+    from ptzd.calibrate.imported import foreign
+    from ptzd.calibrate.report import import_report
     from ptzd.calibration.foreign.described import Asked
 
     if arguments.pictures is not None or arguments.live:
@@ -226,7 +227,7 @@ def _size(text: str) -> tuple[int, int]:
 
 def _live(arguments: argparse.Namespace) -> Path:
     """Pictures taken now; the folder that keeps them."""
-    from ptzd.app.calibrate_live import record
+    from ptzd.app.capturing import record
     from ptzd.calibration.guide import Goal
 
     config = _settings(arguments)
@@ -237,7 +238,7 @@ def _live(arguments: argparse.Namespace) -> Path:
 
 def _live_zooms(arguments: argparse.Namespace) -> Path:
     """Pictures of the PTZ taken now; their list."""
-    from ptzd.app.calibrate_live import record_zooms
+    from ptzd.app.capturing import record_zooms
     from ptzd.calibration.guide import Goal
 
     config, goal = _settings(arguments), Goal(pictures=arguments.count, covered=0.7)
@@ -278,48 +279,46 @@ def _guidance() -> Iterator[Callable[[Advice], None]]:
 
 
 def _zoom(arguments: argparse.Namespace) -> int:
-    from ptzd.app import calibrate_head, calibrating
+    from ptzd.calibrate import head, parts
 
     shots = _live_zooms(arguments) if arguments.live else arguments.shots
     if shots is None:
         raise CalibrationError("zoom: give the list of pictures, or --live with --config and --board")
     if arguments.board is None:
-        outcome = calibrate_head.turning(shots, arguments.work, _say)
+        outcome = head.turning(shots, arguments.work, _say)
     else:
-        outcome = calibrating.zoom_from_boards(shots, _target(arguments), arguments.work, _say)
+        outcome = parts.zoom_from_boards(shots, _target(arguments), arguments.work, _say)
     return _show(outcome, as_json=arguments.json)
 
 
 def _head(arguments: argparse.Namespace) -> int:
-    from ptzd.app import calibrate_head
+    from ptzd.calibrate import head
 
-    outcome = calibrate_head.head_from_boards(arguments.shots, _target(arguments), arguments.work, _say)
+    outcome = head.head_from_boards(arguments.shots, _target(arguments), arguments.work, _say)
     return _show(outcome, as_json=arguments.json)
 
 
 def _rig(arguments: argparse.Namespace) -> int:
-    from ptzd.app import calibrate_rig
-    from ptzd.app.calibrate_report import rig_report
+    from ptzd.calibrate.report import rig_report
+    from ptzd.calibrate.rig import rig_from_boards, rig_from_scene
 
     report = arguments.report or arguments.out.with_suffix(".html")
     if arguments.board is None:
         picture = _picture(arguments)
         limit_rad = math.inf if arguments.accept else math.radians(arguments.limit)
-        result = calibrate_rig.rig_from_scene(
-            arguments.shots, picture, arguments.work, arguments.out, _say, limit_rad=limit_rad
-        )
+        result = rig_from_scene(arguments.shots, picture, arguments.work, arguments.out, _say, limit_rad=limit_rad)
         outcome, rig = result.outcome, result.rig
         pixels, residuals = result.fit.pairs.fisheye_px, result.fit.residuals_px
     else:
         target = _target(arguments)
-        outcome, rig, fit = calibrate_rig.rig_from_boards(arguments.shots, target, arguments.work, arguments.out, _say)
+        outcome, rig, fit = rig_from_boards(arguments.shots, target, arguments.work, arguments.out, _say)
         picture, (pixels, residuals) = _picture(arguments), fit.fisheye_points()
     report.write_text(rig_report(outcome, rig, picture, arguments.shots, pixels, residuals), encoding="utf-8")
     return _show(replace(outcome, written=(*outcome.written, report)), as_json=arguments.json)
 
 
 def _picture(arguments: argparse.Namespace) -> Path:
-    from ptzd.app.calibrating import read_shots
+    from ptzd.calibrate.parts import read_shots
 
     if arguments.fisheye is not None:
         return Path(arguments.fisheye)
@@ -330,20 +329,20 @@ def _picture(arguments: argparse.Namespace) -> Path:
 
 
 def _verify(arguments: argparse.Namespace) -> int:
-    from ptzd.app import calibrate_verify
+    from ptzd.calibrate import verify
 
     if arguments.board is None:
-        outcome = calibrate_verify.with_scene(arguments.shots, _picture(arguments), arguments.calibration)
+        outcome = verify.with_scene(arguments.shots, _picture(arguments), arguments.calibration)
     else:
-        outcome = calibrate_verify.with_boards(arguments.shots, _target(arguments), arguments.calibration)
+        outcome = verify.with_boards(arguments.shots, _target(arguments), arguments.calibration)
     if arguments.truth is not None:
-        more = asyncio.run(calibrate_verify.with_truth(arguments.truth, arguments.calibration))
+        more = asyncio.run(verify.with_truth(arguments.truth, arguments.calibration))
         outcome = replace(outcome, lines=(*outcome.lines, *more.lines), document={**outcome.document, **more.document})
     return _show(outcome, as_json=arguments.json)
 
 
 def _drift(arguments: argparse.Namespace) -> int:
-    from ptzd.app.calibrate_drift import drift
+    from ptzd.calibrate.drift import drift
 
     if arguments.undo:
         return _undo_drift(arguments)
@@ -353,8 +352,8 @@ def _drift(arguments: argparse.Namespace) -> int:
 
 
 def _undo_drift(arguments: argparse.Namespace) -> int:
-    from ptzd.app.drift import undo
     from ptzd.app.loading import load
+    from ptzd.calibrate.refined import undo
 
     if arguments.config is None:
         raise CalibrationError("--undo: give the daemon's settings with --config")

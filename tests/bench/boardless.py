@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ptzd.app.calibrate_capture import FISHEYE
-from ptzd.app.calibrate_head import turning
-from ptzd.app.calibrate_rig import rig_from_scene
-from ptzd.app.studio import Studio
+from ptzd.calibrate.capture import FISHEYE
+from ptzd.calibrate.head import turning
+from ptzd.calibrate.rig import rig_from_scene
+from ptzd.calibrate.studio import Studio
 from ptzd.calibration.target import Target
 from tests.bench.stage import RENDERED, rendered
 

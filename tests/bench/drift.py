@@ -19,13 +19,13 @@ import msgspec
 import numpy as np
 import yaml
 
-from ptzd.app.calibrate_verify import across_rad
 from ptzd.app.daemon import serve
-from ptzd.app.drift import refined_path, undo
 from ptzd.app.loading import load
 from ptzd.app.replaying import replay
 from ptzd.app.simulate import DEFAULT_PASSWORD, RIG, write_config
 from ptzd.bus.client import Client
+from ptzd.calibrate.refined import refined_path, undo
+from ptzd.calibrate.verify import across_rad
 from ptzd.errors import PtzdError
 from ptzd.geometry.rig import Rig
 from ptzd.sim.rig import SimRig

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ptzd.app.studio import samples, tilted
+from ptzd.calibrate.studio import samples, tilted
 from ptzd.calibration.detect import charuco_board, detect
 from ptzd.calibration.intrinsics import in_camera
 from ptzd.calibration.lens import PERSPECTIVE, UNIFIED, WIDE_RAD

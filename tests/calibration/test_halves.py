@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ptzd.app.calibrate_rig import judge
+from ptzd.calibrate.rig import judge
 from ptzd.calibration.halves import PointingError, pointing_error
 from ptzd.calibration.planes import refine_by_planes
 from ptzd.calibration.scene_rig import ScenePairs, calibrate_scene_rig

@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ptzd.app.calibrating import (
+from ptzd.calibrate.parts import (
     Outcome,
     Say,
     Shot,

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-from ptzd.app.calibrating import Outcome, write_part
+from ptzd.calibrate.parts import Outcome, write_part
 from ptzd.calibration.file import fisheye_section
 from ptzd.calibration.foreign.described import Asked
 from ptzd.calibration.reach import Reach, percent, reach_of

@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from ptzd.app.calibrating import fisheye_of
+from ptzd.calibrate.parts import fisheye_of
 from ptzd.cli import entry
 from ptzd.errors import CalibrationError
 

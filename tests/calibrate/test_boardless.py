@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import yaml
 
-from ptzd.app.calibrate_capture import FISHEYE
-from ptzd.app.studio import Studio
+from ptzd.calibrate.capture import FISHEYE
+from ptzd.calibrate.studio import Studio
 from ptzd.calibration.file import load_rig
 from ptzd.calibration.target import Target
 from ptzd.cli import entry

@@ -9,37 +9,34 @@ from pathlib import Path
 
 import numpy as np
 
-from ptzd.app.calibrate_capture import settings, write_shots
-from ptzd.app.calibrating import Shot
-from ptzd.app.daemon import open_fisheye
+from ptzd.calibrate.capture import write_shots
+from ptzd.calibrate.parts import Shot
 from ptzd.calibration.detect import Grey, detect
 from ptzd.calibration.guide import CELLS, Action, Advice, Goal, Guide, lit_cells
 from ptzd.calibration.pictures import SUFFIXES, list_pictures, read_grey
 from ptzd.calibration.target import Target
-from ptzd.devices.vapix.head import VapixHead
 from ptzd.errors import CalibrationError, DeviceGarbled, DeviceLost
 from ptzd.geometry.types import Array
 from ptzd.jpeg.pixels import decode_grey
 from ptzd.model import HeadReading
 from ptzd.ports import Clock, FrameSource, Picture, PtzHead
-from ptzd.runtime.clock import SteadyClock
 
 Show = Callable[[Advice], None]
 
 
-async def record(config_path: Path, target: Target, folder: Path, goal: Goal, show: Show) -> Path:
-    """Watch the configured fisheye until its pictures are enough; they are kept in a folder.
+async def record(source: FrameSource, target: Target, folder: Path, goal: Goal, show: Show) -> Path:
+    """Watch a fisheye until its pictures are enough; they are kept in a folder.
 
     Pictures that lie there from an earlier run count.
 
     Parameters
     ----------
-    config_path : Path
-        Settings of the daemon: V4L2, HTTP or files.
+    source : FrameSource
+        The fisheye, open.
     target : Target
         The board.
     folder : Path
-        Where the pictures go.
+        Where the pictures go; it exists.
     goal : Goal
         When it is enough.
     show : callable
@@ -50,21 +47,18 @@ async def record(config_path: Path, target: Target, folder: Path, goal: Goal, sh
     CalibrationError
         When the source ends before it is enough.
     """
-    await asyncio.to_thread(folder.mkdir, parents=True, exist_ok=True)
-    clock = SteadyClock()
-    async with open_fisheye(settings(config_path).fisheye, clock) as source:
-        guide: Guide | None = None
-        while guide is None or not guide.enough:
-            try:
-                guide = await _watch(source, target, folder, goal, show, guide)
-            except DeviceLost as error:
-                show(Advice(action=Action.NO_BOARD, text=f"no picture: {error}", covered=0.0, taken=0))
-                continue
-            if guide is None or not guide.enough:
-                raise CalibrationError(
-                    f"fisheye: the source ended before it was enough; hold the board {_wanted(guide)}; the pictures "
-                    f"so far are kept in {folder}"
-                )
+    guide: Guide | None = None
+    while guide is None or not guide.enough:
+        try:
+            guide = await _watch(source, target, folder, goal, show, guide)
+        except DeviceLost as error:
+            show(Advice(action=Action.NO_BOARD, text=f"no picture: {error}", covered=0.0, taken=0))
+            continue
+        if guide is None or not guide.enough:
+            raise CalibrationError(
+                f"fisheye: the source ended before it was enough; hold the board {_wanted(guide)}; the pictures so far "
+                f"are kept in {folder}"
+            )
     return folder
 
 
@@ -86,25 +80,18 @@ async def _watch(
     return guide
 
 
-async def record_zooms(
-    config_path: Path, target: Target, work: Path, zooms: Sequence[float], goal: Goal, show: Show
+async def zoom_pictures(
+    head: PtzHead, clock: Clock, target: Target, work: Path, zooms: Sequence[float], goal: Goal, show: Show
 ) -> Path:
-    """Drive the configured PTZ through zooms and take pictures of a board that somebody holds, at each until enough.
+    """Drive a head through zooms and take pictures of a board that somebody holds, at each until enough.
+
+    It looks where it looked.
 
     Returns
     -------
     Path
         The list of pictures with their zoom.
     """
-    config, clock = settings(config_path), SteadyClock()
-    async with VapixHead(config.ptz, config.limits, clock) as head:
-        return await zoom_pictures(head, clock, target, work, zooms, goal, show)
-
-
-async def zoom_pictures(
-    head: PtzHead, clock: Clock, target: Target, work: Path, zooms: Sequence[float], goal: Goal, show: Show
-) -> Path:
-    """As `record_zooms`, with an open head; it looks where it looked."""
     folder = work / "zoom"
     await asyncio.to_thread(folder.mkdir, parents=True, exist_ok=True)
     limits, shots = await head.describe(), list[Shot]()

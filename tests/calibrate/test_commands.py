@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ptzd.app.studio import Board, Studio, samples, tilted
+from ptzd.calibrate.studio import Board, Studio, samples, tilted
 from ptzd.calibration.detect import charuco_board
 from ptzd.calibration.file import load_provenance, load_rig
 from ptzd.calibration.lens import UNIFIED, WIDE_RAD

@@ -12,16 +12,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ptzd.app.calibrating import Say, Shot
-from ptzd.app.daemon import open_fisheye
-from ptzd.app.loading import load_config
-from ptzd.config import Config, HttpSource
-from ptzd.devices.vapix.head import VapixHead
+from ptzd.calibrate.parts import Say, Shot
 from ptzd.errors import CalibrationError, DeviceLost
 from ptzd.jpeg.pixels import decode_grey
 from ptzd.model import HeadLimits, HeadReading, ViewRef
-from ptzd.ports import FrameSource, MoveStalled, Picture
-from ptzd.runtime.clock import SteadyClock
+from ptzd.ports import Clock, FrameSource, MoveStalled, Picture, PtzHead
 
 ZOOMS = (1, 170, 420, 800, 1350, 2200, 3500, 5500, 9999)
 """Evenly spread in the focal length of a lens whose magnification grows evenly, 1 to 32 times."""
@@ -36,17 +31,6 @@ FRAMES = 16
 PAUSE_S = 0.2
 PICTURE_S = 30.0
 ATTEMPTS = 3
-
-
-def settings(path: Path) -> Config:
-    """Settings with the password files found from where the settings are."""
-    config = load_config(path)
-    ptz, fisheye = config.ptz, config.fisheye
-    if ptz.password_file is not None:
-        ptz = msgspec.structs.replace(ptz, password_file=str(path.parent / ptz.password_file))
-    if isinstance(fisheye, HttpSource) and fisheye.password_file is not None:
-        fisheye = msgspec.structs.replace(fisheye, password_file=str(path.parent / fisheye.password_file))
-    return msgspec.structs.replace(config, ptz=ptz, fisheye=fisheye)
 
 
 def wide_plan(limits: HeadLimits, pan_deg: tuple[float, float]) -> list[HeadReading]:
@@ -102,66 +86,66 @@ def texture(grey: NDArray[np.uint8]) -> int:
     return 0 if corners is None else len(corners)
 
 
-async def capture(
-    config_path: Path,
+async def fisheye_mean(source: FrameSource, work: Path) -> None:
+    """Keep the mean of some pictures of a fisheye as `FISHEYE` in a folder."""
+    frames = await pictures_in_a_row(source)
+    await asyncio.to_thread(write_mean, work / FISHEYE, [frame.jpeg for frame in frames])
+
+
+async def drive(
+    head: PtzHead,
+    clock: Clock,
     work: Path,
     zooms: Sequence[float],
     say: Say,
     *,
-    pan_deg: tuple[float, float] | None = None,
+    pan_deg: tuple[float, float],
     tele_deg: tuple[float, float] | None = None,
 ) -> Path:
     """Drive the camera around and keep every picture with the angles it was taken at.
 
     Parameters
     ----------
-    config_path, work
-        Settings of the daemon; where the pictures go.
+    head, clock
+        An open head, and the clock of its pictures.
+    work : Path
+        Where the pictures go; the fisheye's lies there.
     zooms : sequence of float
         Of the tele pictures, zoom units.
     say : callable
         Told of every picture.
-    pan_deg : (float, float), optional
-        Pans at which the head looks into the fisheye's field of view; without it 84° to either side of home.
+    pan_deg : (float, float)
+        Pans at which the head looks into the fisheye's field of view.
     tele_deg : (float, float), optional
         Pan and tilt of the tele pictures; without it where the wide ones show most texture.
 
     Returns
     -------
     Path
-        The list of pictures; the fisheye's picture lies beside it.
+        The list of pictures.
     """
-    config, clock = settings(config_path), SteadyClock()
-    await asyncio.to_thread(work.mkdir, parents=True, exist_ok=True)
-    async with open_fisheye(config.fisheye, clock) as source:
-        frames = await pictures_in_a_row(source)
-    await asyncio.to_thread(write_mean, work / FISHEYE, [frame.jpeg for frame in frames])
     shots: list[Shot] = []
-    home = config.home.pan_deg
-    async with VapixHead(config.ptz, config.limits, clock) as head:
-        limits = await head.describe()
-        wide = wide_plan(limits, pan_deg or (home - AROUND_DEG, home + AROUND_DEG))
-        count = len(wide) + len(tele_plan(limits, zooms, (0.0, 0.0)))
+    limits = await head.describe()
+    wide = wide_plan(limits, pan_deg)
+    count = len(wide) + len(tele_plan(limits, zooms, (0.0, 0.0)))
 
-        async def take(wanted: HeadReading) -> Picture:
-            picture, view = await _shot(head, wanted, clock)
-            name, reading = f"ptz_{len(shots) + 1:03}.jpg", view.reading
-            (work / name).write_bytes(picture.jpeg)
-            zoom = float(round(reading.zoom))
-            shots.append(
-                Shot(image=name, pan_deg=reading.pan_deg, tilt_deg=reading.tilt_deg, zoom=zoom, fisheye=FISHEYE)
-            )
-            say(f"[{len(shots)}/{count}] pan {reading.pan_deg:.2f}°, tilt {reading.tilt_deg:.2f}°, zoom {zoom:g}")
-            return picture
+    async def take(wanted: HeadReading) -> Picture:
+        picture, view = await _shot(head, wanted, clock)
+        name, reading = f"ptz_{len(shots) + 1:03}.jpg", view.reading
+        (work / name).write_bytes(picture.jpeg)
+        zoom = float(round(reading.zoom))
+        shots.append(Shot(image=name, pan_deg=reading.pan_deg, tilt_deg=reading.tilt_deg, zoom=zoom, fisheye=FISHEYE))
+        say(f"[{len(shots)}/{count}] pan {reading.pan_deg:.2f}°, tilt {reading.tilt_deg:.2f}°, zoom {zoom:g}")
+        return picture
 
-        richest = (-1, 0.0, 0.0)
-        for wanted in wide:
-            picture = await take(wanted)
-            richest = max(richest, (texture(decode_grey(picture.jpeg)), wanted.pan_deg, wanted.tilt_deg))
-        if tele_deg is None:
-            say(f"tele pictures at pan {richest[1]:.1f}°, tilt {richest[2]:.1f}°, where most texture is ({richest[0]})")
-        for wanted in tele_plan(limits, zooms, tele_deg or richest[1:]):
-            await take(wanted)
+    richest = (-1, 0.0, 0.0)
+    for wanted in wide:
+        picture = await take(wanted)
+        richest = max(richest, (texture(decode_grey(picture.jpeg)), wanted.pan_deg, wanted.tilt_deg))
+    if tele_deg is None:
+        say(f"tele pictures at pan {richest[1]:.1f}°, tilt {richest[2]:.1f}°, where most texture is ({richest[0]})")
+    for wanted in tele_plan(limits, zooms, tele_deg or richest[1:]):
+        await take(wanted)
     return write_shots(work / "shots.json", shots)
 
 
@@ -204,7 +188,7 @@ def write_mean(path: Path, jpegs: Sequence[bytes]) -> None:
     path.write_bytes(cv2.imencode(".png", mean)[1].tobytes())
 
 
-async def _shot(head: VapixHead, wanted: HeadReading, clock: SteadyClock) -> tuple[Picture, ViewRef]:
+async def _shot(head: PtzHead, wanted: HeadReading, clock: Clock) -> tuple[Picture, ViewRef]:
     """Move, rest, take a picture; a camera that goes away is given time to come back."""
     for attempt in range(ATTEMPTS):
         try:

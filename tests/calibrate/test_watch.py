@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 import yaml
 
-from ptzd.app.drift import DriftWatch, in_force, refined_path, undo
 from ptzd.app.loading import load
+from ptzd.calibrate.refined import in_force, refined_path, undo
+from ptzd.calibrate.watch import DriftWatch
 from ptzd.calibration.file import dump_rig, read_rig
 from ptzd.cli import entry
 from ptzd.control import commands as cmd

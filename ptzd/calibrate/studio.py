@@ -12,8 +12,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ptzd.app.calibrate_capture import AROUND_DEG, FISHEYE, FRAMES, ZOOMS, tele_plan, wide_plan, write_mean, write_shots
-from ptzd.app.calibrating import Shot
+from ptzd.calibrate.capture import AROUND_DEG, FISHEYE, FRAMES, ZOOMS, tele_plan, wide_plan, write_mean, write_shots
+from ptzd.calibrate.parts import Shot
 from ptzd.calibration.target import Target
 from ptzd.geometry.rig import Rig
 from ptzd.geometry.sphere import angle_between, bearing, rotation_from_rotvec

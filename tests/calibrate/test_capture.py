@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ptzd.app import calibrate_capture
-from ptzd.app.calibrate_capture import (
+from ptzd.calibrate import capture
+from ptzd.calibrate.capture import (
     FRAMES,
     ZOOMS,
     pictures_in_a_row,
@@ -50,7 +50,7 @@ async def test_the_mean_of_pictures_in_a_row_has_less_noise(tmp_path):
 
 
 async def test_a_source_that_never_lasts_is_named(monkeypatch):
-    monkeypatch.setattr(calibrate_capture, "PICTURE_S", 0.2)
+    monkeypatch.setattr(capture, "PICTURE_S", 0.2)
     with pytest.raises(DeviceLost, match=r"no 16 pictures in a row within 0\.2 s \(unplugged\)"):
         await pictures_in_a_row(Source(openings_lost=10**9))
 

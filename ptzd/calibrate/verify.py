@@ -8,9 +8,9 @@ from pathlib import Path
 import aiohttp
 import numpy as np
 
-from ptzd.app.calibrate_head import grey_of
-from ptzd.app.calibrate_rig import board_pairs, scene_pairs
-from ptzd.app.calibrating import Outcome, read_shots
+from ptzd.calibrate.head import grey_of
+from ptzd.calibrate.parts import Outcome, read_shots
+from ptzd.calibrate.rig import board_pairs, scene_pairs
 from ptzd.calibration.file import load_rig, read_rig
 from ptzd.calibration.pose import plane_pose
 from ptzd.calibration.target import Target

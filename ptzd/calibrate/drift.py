@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from ptzd.app.calibrate_rig import write_rig
-from ptzd.app.calibrating import Outcome
-from ptzd.app.drift import ConfirmedLocks
+from ptzd.calibrate.locks import ConfirmedLocks
+from ptzd.calibrate.parts import Outcome
+from ptzd.calibrate.rig import write_rig
 from ptzd.calibration.drift import DriftMonitor, Lock, refined
 from ptzd.calibration.file import load_provenance, load_rig
 from ptzd.errors import CalibrationError

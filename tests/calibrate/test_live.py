@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 import yaml
 
-from ptzd.app.calibrate_live import record, zoom_pictures
-from ptzd.app.calibrating import zoom_from_boards, zoom_of
-from ptzd.app.studio import samples, tilted
+from ptzd.app.capturing import record
+from ptzd.calibrate.live import zoom_pictures
+from ptzd.calibrate.parts import zoom_from_boards, zoom_of
+from ptzd.calibrate.studio import samples, tilted
 from ptzd.calibration.guide import Action, Goal
 from ptzd.calibration.lens import PERSPECTIVE, UNIFIED, WIDE_RAD
 from ptzd.calibration.pictures import list_pictures
@@ -95,6 +96,27 @@ async def test_pictures_of_another_size_in_the_folder_are_named(tmp_path):
         async with asyncio.timeout(60):
             with pytest.raises(CalibrationError, match=r"1\.jpg: not a picture of 320×240 px"):
                 await record(config, TARGET, tmp_path / "boards", GOAL, person.hear)
+
+
+async def test_a_folder_of_pictures_is_found_from_where_the_settings_are(tmp_path):
+    (tmp_path / "pictures").mkdir()
+    cv2.imwrite(str(tmp_path / "pictures" / "1.jpg"), np.full((240, 320), 120, np.uint8))
+    config = write_settings(tmp_path, "http://127.0.0.1:9")
+    document = yaml.safe_load(config.read_text())
+    config.write_text(yaml.safe_dump({**document, "fisheye": {"source": "files", "path": "pictures"}}))
+    told = asyncio.get_running_loop().create_future()
+
+    def hear(advice):
+        if not told.done():
+            told.set_result(advice)
+
+    watching = asyncio.create_task(record(config, TARGET, tmp_path / "boards", GOAL, hear))
+    async with asyncio.timeout(20):
+        advice = await told
+    watching.cancel()
+    await asyncio.wait([watching])
+    assert advice.action is Action.NO_BOARD
+    assert "no picture" not in advice.text
 
 
 class Head:

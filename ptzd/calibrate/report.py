@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ptzd.app.calibrating import Outcome, camera_to_edge, read_shots
+from ptzd.calibrate.parts import Outcome, camera_to_edge, read_shots
 from ptzd.calibration.intrinsics import LensFit, in_camera
 from ptzd.calibration.pictures import Boards, read_grey
 from ptzd.calibration.reach import Reach, reach_of

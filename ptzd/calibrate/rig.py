@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from ptzd import __version__
-from ptzd.app.calibrate_head import features_of, grey_of, seen_by_ptz
-from ptzd.app.calibrating import (
+from ptzd.calibrate.head import features_of, grey_of, seen_by_ptz
+from ptzd.calibrate.parts import (
     EDGE_RAD,
     Outcome,
     Say,
