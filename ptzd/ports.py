@@ -125,7 +125,7 @@ class Bus(Protocol):
     """The outside: structurally checked events come in, commands that publish or reply go out."""
 
     def events(self) -> AsyncIterator[Event]:
-        """Incoming messages as events stamped on arrival; never blocks the sender, bounded."""
+        """Incoming messages as events, what is urgent first; never blocks the sender, bounded."""
         ...
 
     def perform(self, command: Command) -> None:
@@ -148,8 +148,8 @@ class Bus(Protocol):
 class EventLog(Protocol):
     """The black box. Calls only enqueue; decisions are never dropped, pictures are when the disk cannot follow."""
 
-    def event(self, sequence: int, event: Event) -> None:
-        """What the core is about to be told."""
+    def event(self, sequence: int, t_ns: int, event: Event) -> None:
+        """What the core is about to be told, and when."""
         ...
 
     def command(self, sequence: int, t_ns: int, command: Command) -> None:
@@ -164,7 +164,7 @@ class EventLog(Protocol):
         """Whether the file has reached its size or age."""
         ...
 
-    def rotate(self, sequence: int, snapshot: Snapshot) -> None:
+    def rotate(self, sequence: int, t_ns: int, snapshot: Snapshot) -> None:
         """Cut the file here: everything told so far goes into the old one, the snapshot opens the new one."""
         ...
 

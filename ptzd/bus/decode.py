@@ -60,15 +60,13 @@ def too_large(size: int) -> RequestRefused:
     return RequestRefused("too_large", f"the payload has {size} bytes, at most {MAX_PAYLOAD_BYTES} are allowed")
 
 
-def request_event(payload: bytes, t_ns: int, token: int | None) -> RequestReceived | PayloadRefused:
+def request_event(payload: bytes, token: int | None) -> RequestReceived | PayloadRefused:
     """What came in on ``roi``, as the event the core is told.
 
     Parameters
     ----------
     payload : bytes
         The message as it came.
-    t_ns : int
-        Arrival on the daemon's clock.
     token : int or None
         Names the query to answer; None for a put.
     """
@@ -77,9 +75,8 @@ def request_event(payload: bytes, t_ns: int, token: int | None) -> RequestReceiv
         _check_range(request.range_m)
         _check_frame(request.frame)
     except RequestRefused as error:
-        return refused(error, t_ns, token, readable_id(payload))
+        return refused(error, token, readable_id(payload))
     return RequestReceived(
-        t_ns=t_ns,
         token=token,
         id=request.id,
         box=_box(request.box),
@@ -97,7 +94,7 @@ def request_event(payload: bytes, t_ns: int, token: int | None) -> RequestReceiv
     )
 
 
-def update_event(payload: bytes, t_ns: int, request_id: str, token: int | None) -> UpdateReceived | PayloadRefused:
+def update_event(payload: bytes, request_id: str, token: int | None) -> UpdateReceived | PayloadRefused:
     """What came in on ``roi/<id>/update``.
 
     A refused update names its request as the one that it is about: that goes on and must not be told that it ended.
@@ -107,9 +104,8 @@ def update_event(payload: bytes, t_ns: int, request_id: str, token: int | None) 
         _check_frame(update.frame)
     except RequestRefused as error:
         named = RequestRefused(error.code, f"update of {request_id}: {error.message}", error.field)
-        return refused(named, t_ns, token, None, about=request_id)
+        return refused(named, token, None, about=request_id)
     return UpdateReceived(
-        t_ns=t_ns,
         token=token,
         told=True,
         id=request_id,
@@ -119,23 +115,22 @@ def update_event(payload: bytes, t_ns: int, request_id: str, token: int | None) 
     )
 
 
-def lease_event(payload: bytes, t_ns: int, token: int | None) -> LeaseAsked | PayloadRefused:
+def lease_event(payload: bytes, token: int | None) -> LeaseAsked | PayloadRefused:
     """What came in on ``control/lease``."""
     try:
         asked = decode(payload, LeaseRequest)
     except RequestRefused as error:
         named = RequestRefused(error.code, f"lease: {error.message}", error.field)
-        return refused(named, t_ns, token, None)
+        return refused(named, token, None)
     wish = LeaseWish(asked.wish)
-    return LeaseAsked(t_ns=t_ns, token=token, wish=wish, owner=asked.owner, rank=asked.rank, for_s=asked.for_s)
+    return LeaseAsked(token=token, wish=wish, owner=asked.owner, rank=asked.rank, for_s=asked.for_s)
 
 
 def refused(
-    error: RequestRefused, t_ns: int, token: int | None, request_id: str | None, about: str | None = None
+    error: RequestRefused, token: int | None, request_id: str | None, about: str | None = None
 ) -> PayloadRefused:
     """The refusal as an event."""
     return PayloadRefused(
-        t_ns=t_ns,
         token=token,
         code=error.code,
         message=error.message,

@@ -15,7 +15,6 @@ from ptzd.bus.pending import BUSY, PendingQueries
 from ptzd.bus.replies import Replies
 from ptzd.control.events import CancelReceived, ControlReceived, Event, PayloadRefused, RequestReceived, Verb
 from ptzd.errors import RequestRefused
-from ptzd.ports import Clock
 
 OVERTAKEN = RequestRefused("stopped", "an operator's stop or home came before this request was taken up; ask again")
 
@@ -27,8 +26,6 @@ class Inbound:
     ----------
     keys : Keys
         Of this rig.
-    clock : Clock
-        Stamps the events.
     pending : PendingQueries
         Keeps the queries until the core answers.
     events : EventQueue
@@ -37,9 +34,8 @@ class Inbound:
         Sends the answers.
     """
 
-    def __init__(self, keys: Keys, clock: Clock, pending: PendingQueries, events: EventQueue, replies: Replies) -> None:
+    def __init__(self, keys: Keys, pending: PendingQueries, events: EventQueue, replies: Replies) -> None:
         self._keys = keys
-        self._clock = clock
         self._pending = pending
         self._events = events
         self._replies = replies
@@ -54,11 +50,10 @@ class Inbound:
             return
         token = self._token(arrival, self._keys.full("roi"))
         if arrival.query is None or token is not None:
-            t_ns = self._clock.now_ns()
-            event = _too_large(arrival, t_ns) or request_event(arrival.payload, t_ns, token)
+            event = _too_large(arrival) or request_event(arrival.payload, token)
             if isinstance(event, RequestReceived) and arrival.t_ns <= self._halted_ns:
                 # the operator's word overtakes what waits: a request from before it must not move the head after it
-                event = refused(OVERTAKEN, t_ns, token, event.id)
+                event = refused(OVERTAKEN, token, event.id)
             self._offer(event, token)
 
     def on_update(self, arrival: Arrival) -> None:
@@ -68,9 +63,8 @@ class Inbound:
             return
         token = self._token(arrival, self._keys.of_request(request_id, "update"))
         if arrival.query is None or token is not None:
-            t_ns = self._clock.now_ns()
-            too_large = _too_large(arrival, t_ns, about=request_id)
-            self._offer(too_large or update_event(arrival.payload, t_ns, request_id, token), token)
+            too_large = _too_large(arrival, about=request_id)
+            self._offer(too_large or update_event(arrival.payload, request_id, token), token)
 
     def on_cancel(self, arrival: Arrival) -> None:
         """``roi/<id>/cancel``: a query or a put."""
@@ -79,9 +73,8 @@ class Inbound:
             return
         token = self._token(arrival, self._keys.of_request(request_id, "cancel"))
         if arrival.query is None or token is not None:
-            t_ns = self._clock.now_ns()
-            cancel = CancelReceived(t_ns=t_ns, token=token, id=request_id)
-            self._offer(_refused_unless_empty(arrival, t_ns, token, about=request_id) or cancel, token)
+            cancel = CancelReceived(token=token, id=request_id)
+            self._offer(_refused_unless_empty(arrival, token, about=request_id) or cancel, token)
 
     def on_control(self, verb: Verb) -> Handler:
         """Handler of ``control/<verb>``: a query or a put."""
@@ -92,12 +85,11 @@ class Inbound:
                 return
             token = self._token(arrival, self._keys.full(f"control/{verb}"))
             if arrival.query is None or token is not None:
-                t_ns = self._clock.now_ns()
-                control = ControlReceived(t_ns=t_ns, token=token, verb=verb)
+                control = ControlReceived(token=token, verb=verb)
                 if verb in {Verb.STOP, Verb.HOME}:
                     self._halted_ns = max(self._halted_ns, arrival.t_ns)
-                    self._overtake(t_ns)
-                self._offer(_refused_unless_empty(arrival, t_ns, token) or control, token)
+                    self._overtake()
+                self._offer(_refused_unless_empty(arrival, token) or control, token)
 
         return handle
 
@@ -108,12 +100,11 @@ class Inbound:
             return
         token = self._token(arrival, self._keys.full("control/lease"))
         if arrival.query is None or token is not None:
-            t_ns = self._clock.now_ns()
-            self._offer(_too_large(arrival, t_ns) or lease_event(arrival.payload, t_ns, token), token)
+            self._offer(_too_large(arrival) or lease_event(arrival.payload, token), token)
 
-    def _overtake(self, t_ns: int) -> None:
+    def _overtake(self) -> None:
         for waiting in self._events.withdraw_requests():
-            self._offer(refused(OVERTAKEN, t_ns, waiting.token, waiting.id), waiting.token)
+            self._offer(refused(OVERTAKEN, waiting.token, waiting.id), waiting.token)
 
     def _named(self, arrival: Arrival, leaf: str) -> str | None:
         """The request that a key names; a put on a key that names none is told, a query that looks around let go."""
@@ -123,7 +114,7 @@ class Inbound:
             if arrival.query is None:
                 message = f"{arrival.key} names no request; ids are 1 to 64 of A-Za-z0-9._-"
                 error = RequestRefused("invalid", message, "$")
-                self._offer(refused(error, self._clock.now_ns(), None, None), None)
+                self._offer(refused(error, None, None), None)
         return request_id
 
     def _token(self, arrival: Arrival, key: str) -> int | None:
@@ -148,15 +139,13 @@ class Inbound:
             self._pending.refuse(token, BUSY)
 
 
-def _too_large(arrival: Arrival, t_ns: int, about: str | None = None) -> PayloadRefused | None:
+def _too_large(arrival: Arrival, about: str | None = None) -> PayloadRefused | None:
     if arrival.size == len(arrival.payload):
         return None
-    return refused(too_large(arrival.size), t_ns, None, None, about=about)
+    return refused(too_large(arrival.size), None, None, about=about)
 
 
-def _refused_unless_empty(
-    arrival: Arrival, t_ns: int, token: int | None, about: str | None = None
-) -> PayloadRefused | None:
+def _refused_unless_empty(arrival: Arrival, token: int | None, about: str | None = None) -> PayloadRefused | None:
     """The refusal of a verb with something in it that asks for more than the verb does."""
     try:
         if arrival.size > len(arrival.payload):
@@ -165,5 +154,5 @@ def _refused_unless_empty(
             decode(arrival.payload, Empty)
     except RequestRefused as error:
         where = RequestRefused(error.code, f"{arrival.key.rpartition('/')[2]}: {error.message}", error.field)
-        return refused(where, t_ns, token, None, about=about)
+        return refused(where, token, None, about=about)
     return None

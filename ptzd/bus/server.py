@@ -126,7 +126,7 @@ class ZenohBus:
         self._replies = Replies()
         self._pending = PendingQueries(asyncio.get_running_loop(), PENDING_LIMIT, ANSWER_WITHIN_S, self._replies)
         self._events = EventQueue(self._still_wanted)
-        self._inbound = Inbound(self._keys, self._clock, self._pending, self._events, self._replies)
+        self._inbound = Inbound(self._keys, self._pending, self._events, self._replies)
         self._answers = Answers(
             self._keys, self._clock, self._pending, self._results, self._status_extra, self._replies
         )

@@ -60,14 +60,13 @@ class DriftWatch:
         self._drifted = False
         self._changed = asyncio.Event()
 
-    def seen(self, sequence: int, event: ev.Event, commands: list[cmd.Command]) -> None:
+    def seen(self, t_ns: int, event: ev.Event, commands: list[cmd.Command]) -> None:
         """Look at one step."""
-        del sequence
         self._locks.told(event)
         for command in commands:
             lock = self._locks.told(command)
             if lock is not None:
-                self._judge(event.t_ns, self._monitor.add(lock))
+                self._judge(t_ns, self._monitor.add(lock))
         self._changed.set()
 
     def _judge(self, t_ns: int, drift: Drift) -> None:

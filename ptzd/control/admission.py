@@ -19,8 +19,8 @@ SAME_FRAME_NS = 5_000_000
 """A time stamp names the frame at most 5 ms away: a sixth of a frame at 30 fps; clients copy stamps, not clocks."""
 
 
-def admit(event: RequestReceived, memory: Memory, rig: Rig, config: Config) -> Request:
-    """Turn a structurally valid request into an accepted one.
+def admit(event: RequestReceived, t_ns: int, memory: Memory, rig: Rig, config: Config) -> Request:
+    """Turn a structurally valid request that came at ``t_ns`` into an accepted one.
 
     Raises
     ------
@@ -28,7 +28,7 @@ def admit(event: RequestReceived, memory: Memory, rig: Rig, config: Config) -> R
         With code ``invalid``, ``outside``, ``stale_frame`` or ``no_frame`` and the path of the culprit.
     """
     check_box(event.box, rig)
-    frame = resolve_frame(event.frame_seq, event.frame_t_capture_ns, memory, event.t_ns, config)
+    frame = resolve_frame(event.frame_seq, event.frame_t_capture_ns, memory, t_ns, config)
     hold_s = config.lock.hold_s if event.hold_s is None else event.hold_s
     timeout_s = config.queue.timeout_s if event.timeout_s is None else event.timeout_s
     return Request(
@@ -42,8 +42,8 @@ def admit(event: RequestReceived, memory: Memory, rig: Rig, config: Config) -> R
         hfov_deg=_check_hfov(event, rig),
         fill=config.lock.fill if event.fill is None else event.fill,
         hold_ns=seconds(hold_s),
-        accepted_ns=event.t_ns,
-        expires_ns=event.t_ns + seconds(timeout_s),
+        accepted_ns=t_ns,
+        expires_ns=t_ns + seconds(timeout_s),
         by=event.by,
     )
 

@@ -52,7 +52,7 @@ class Answers:
 
     def on_deadline(self, event: ev.DeadlinePassed) -> None:
         """Time has passed: stops, waiting requests, answers that are late, the activity's own time, the way home."""
-        memory, t_ns = self.memory, event.t_ns
+        memory, t_ns = self.memory, self.work.t_ns
         stop = self.authority.stop_under_way
         if stop is not None:
             self.authority.apply(stop.on_time(self.work))

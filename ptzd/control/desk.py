@@ -54,7 +54,7 @@ class Desk:
             # first what costs nothing: under a flood most find no room, and the lens' rays take their time
             rank = self.rank(event.priority, event.by)
             self._check_room(rank)
-            request = admission.admit(event, self.memory, self.work.rig, self.work.config)
+            request = admission.admit(event, self.work.t_ns, self.memory, self.work.rig, self.work.config)
         except RequestRefused as refused:
             self.refuse(event.token, refused, event.id)
             return None
@@ -120,7 +120,7 @@ class Desk:
         frame_ns, memory, work = event.frame_t_capture_ns, self.memory, self.work
         try:
             admission.check_box(event.box, work.rig)
-            frame = admission.resolve_frame(event.frame_seq, frame_ns, memory, event.t_ns, work.config)
+            frame = admission.resolve_frame(event.frame_seq, frame_ns, memory, work.t_ns, work.config)
         except RequestRefused as refused:
             self.refuse_update(event, refused, told=True)
             return None

@@ -1,6 +1,7 @@
 """What the core is told. Frozen values that carry everything needed to decide again.
 
-``t_ns`` of every event is the daemon's steady clock: ns since the epoch at start plus monotonic time since.
+When it was told is no part of an event: the pump stamps it once, on the daemon's steady clock (ns since the epoch at
+start plus monotonic time since), and the stamp goes beside it into log and core.
 Head readings are in the camera's own units; the core converts with the calibration it was given.
 """
 
@@ -48,8 +49,6 @@ class ZoomWish(StrEnum):
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Event:
     """Root of all events."""
-
-    t_ns: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

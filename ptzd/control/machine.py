@@ -74,10 +74,10 @@ class Machine:
         """Build a core that goes on exactly where :meth:`snapshot` was taken."""
         return cls(rig, config, msgspec.convert(snapshot.state, Memory, strict=False))
 
-    def snapshot(self, t_ns: int) -> ev.Snapshot:
+    def snapshot(self) -> ev.Snapshot:
         """Everything this core remembers, as the first event of a log file."""
         state: dict[str, object] = msgspec.to_builtins(self._memory)
-        return ev.Snapshot(t_ns=t_ns, state=state)
+        return ev.Snapshot(state=state)
 
     @property
     def state(self) -> State:
@@ -93,13 +93,15 @@ class Machine:
         """When a DeadlinePassed event is wanted; None when nothing can time out."""
         return None if self._memory.finished else self._answers.deadline_ns()
 
-    def handle(self, event: ev.Event) -> list[cmd.Command]:
+    def handle(self, event: ev.Event, t_ns: int) -> list[cmd.Command]:
         """Take one event and say what is to be done.
 
         Parameters
         ----------
         event : Event
-            With ``t_ns`` not before that of the previous one.
+            What the core is told.
+        t_ns : int
+            When, on the daemon's steady clock; not before the previous one.
 
         Returns
         -------
@@ -115,7 +117,7 @@ class Machine:
         allowed = TRANSITIONS.get((before, type(event)))
         if allowed is None:
             raise ImpossibleEvent(before, event)
-        self._work.t_ns, self._work.out = event.t_ns, []
+        self._work.t_ns, self._work.out = t_ns, []
         if before is State.STOPPED:
             self._operator.after_shutdown(event)
         else:

@@ -136,7 +136,7 @@ def _collect(log: LogReader, pictures: Path | None) -> _Tables:
         found.stories.tell(decision)
         if isinstance(decision, LoggedEvent) and isinstance(decision.event, HeadPolled):
             polled, reading = decision.event, decision.event.reading
-            found.poses.append((polled.t_ns, reading.pan_deg, reading.tilt_deg, reading.zoom, polled.motion.value))
+            found.poses.append((decision.t_ns, reading.pan_deg, reading.tilt_deg, reading.zoom, polled.motion.value))
     return found
 
 

@@ -105,7 +105,7 @@ class Stories:
     def tell(self, decision: LoggedEvent | LoggedCommand) -> None:
         """Take the next decision in."""
         if isinstance(decision, LoggedEvent):
-            self._event(decision.sequence, decision.event)
+            self._event(decision.sequence, decision.t_ns, decision.event)
         else:
             self._command(decision.sequence, decision.t_ns, decision.command)
 
@@ -117,31 +117,31 @@ class Stories:
             self.all.append(story)
         return story
 
-    def _event(self, sequence: int, event: ev.Event) -> None:
+    def _event(self, sequence: int, t_ns: int, event: ev.Event) -> None:
         match event:
             case ev.RequestReceived():
-                self._request(sequence, event)
+                self._request(sequence, t_ns, event)
             case ev.UpdateReceived() if event.id in self._open:
                 text = f"box now {_box(event.box)}"
-                self._open[event.id].steps.append(Step(t_ns=event.t_ns, sequence=sequence, what="update", text=text))
+                self._open[event.id].steps.append(Step(t_ns=t_ns, sequence=sequence, what="update", text=text))
             case ev.CancelReceived() if event.id in self._open:
                 self._open[event.id].steps.append(
-                    Step(t_ns=event.t_ns, sequence=sequence, what="cancel", text="the client asked to cancel")
+                    Step(t_ns=t_ns, sequence=sequence, what="cancel", text="the client asked to cancel")
                 )
             case ev.MatchFinished() | ev.MatchFailed() if event.match_id in self._looks:
                 self._looks.pop(event.match_id).answer = event
             case _:
                 pass
 
-    def _request(self, sequence: int, event: ev.RequestReceived) -> None:
+    def _request(self, sequence: int, t_ns: int, event: ev.RequestReceived) -> None:
         story = self._open.get(event.id)
         if story is None or story.result is not None or story.refusal is not None:
             self._open.pop(event.id, None)
-            story = self._story(event.id, event.t_ns)
+            story = self._story(event.id, t_ns)
             story.request = event
         if event.token is not None:
             self._tokens[event.token] = story
-        story.steps.append(Step(t_ns=event.t_ns, sequence=sequence, what="request", text=f"box {_box(event.box)}"))
+        story.steps.append(Step(t_ns=t_ns, sequence=sequence, what="request", text=f"box {_box(event.box)}"))
 
     def _command(self, sequence: int, t_ns: int, command: cmd.Command) -> None:
         match command:

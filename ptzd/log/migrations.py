@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from ptzd.errors import LogError
 from ptzd.log import claims
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 """Of events, commands and settings as they are written; in the metadata ``ptzd.run`` of every file."""
 
 Body = dict[str, object]
@@ -42,7 +42,12 @@ def _claims(name: str, body: Body) -> tuple[str, Body]:
     return name, {**body, "state": claims.of_states(body)} if name == "Snapshot" else body
 
 
-STEPS: Mapping[int, Step] = {1: Step(decision=_claims)}
+def _stamped_once(name: str, body: Body) -> tuple[str, Body]:
+    """2 to 3: when an event was told stands beside its body alone, as that of its commands does."""
+    return name, {field: value for field, value in body.items() if field != "t_ns"}
+
+
+STEPS: Mapping[int, Step] = {1: Step(decision=_claims), 2: Step(decision=_stamped_once)}
 """By the version they start from."""
 
 

@@ -48,9 +48,10 @@ class Entry:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoggedEvent:
-    """What the core was told."""
+    """What the core was told, and when."""
 
     sequence: int
+    t_ns: int
     event: Event
 
 
@@ -223,7 +224,8 @@ class LogReader:
         try:
             held = msgspec.json.decode(entry.data, type=_Body)
             if entry.topic == EVENT:
-                return LoggedEvent(sequence=held.sequence, event=decode_event(held.name, held.body, self._schema))
+                event = decode_event(held.name, held.body, self._schema)
+                return LoggedEvent(sequence=held.sequence, t_ns=held.t_ns, event=event)
             command = decode_command(held.name, held.body, self._schema)
         except (msgspec.DecodeError, UnicodeDecodeError, LogError) as error:
             raise LogError(f"{self.path}: {entry.topic} of {entry.log_ns} ns: {error}") from None

@@ -136,8 +136,8 @@ class McapLog:
         for note in self._notes:
             self._scribe.say(Level.WARNING, note)
 
-    def event(self, sequence: int, event: Event) -> None:
-        """What the core is about to be told.
+    def event(self, sequence: int, t_ns: int, event: Event) -> None:
+        """What the core is about to be told, and when.
 
         Raises
         ------
@@ -145,7 +145,7 @@ class McapLog:
             The event cannot be written exactly, or the writer has ended.
         """
         name, body = encode(event)
-        self._decision(EVENT, sequence, event.t_ns, name, body, event)
+        self._decision(EVENT, sequence, t_ns, name, body, event)
         match event:
             case ViewTaken():
                 self.require(PTZ_IMAGE, event.view.frame)
@@ -222,13 +222,13 @@ class McapLog:
             return False
         return scribe.headless or scribe.size >= settings.rotate_bytes or scribe.age_s >= settings.rotate_s
 
-    def rotate(self, sequence: int, snapshot: Snapshot) -> None:
+    def rotate(self, sequence: int, t_ns: int, snapshot: Snapshot) -> None:
         """Begin a file: what came before is in the old one, this snapshot and all that comes now in the new one.
 
         A file that holds no decision yet, as at the start, goes on. Errors as for :meth:`event`.
         """
         self._put(Cut())
-        self.event(sequence, snapshot)
+        self.event(sequence, t_ns, snapshot)
         for topic, picture in self._pictures.begin_file():
             self._put_picture(topic, picture, droppable=False)
 

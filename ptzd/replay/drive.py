@@ -91,6 +91,7 @@ class _Step:
     """An event with the commands that were recorded for it."""
 
     sequence: int
+    t_ns: int
     event: ev.Event
     commands: list[cmd.Command] = field(default_factory=list)
     whole: bool = True
@@ -177,7 +178,7 @@ class Player:
                 continue
             if isinstance(step.event, ev.Snapshot):
                 if not replay.t_first_ns:
-                    self._begin(step.event)
+                    self._begin(step.event, step.t_ns)
             elif not replay.t_first_ns:
                 raise LogError(
                     f"{self._reader.path}: the first event is no snapshot; the file cannot be replayed alone"
@@ -187,8 +188,8 @@ class Player:
         replay.elapsed_s = time.perf_counter() - started
         return replay
 
-    def _begin(self, snapshot: ev.Snapshot) -> None:
-        self._replay.t_first_ns = self._replay.t_last_ns = snapshot.t_ns
+    def _begin(self, snapshot: ev.Snapshot, t_ns: int) -> None:
+        self._replay.t_first_ns = self._replay.t_last_ns = t_ns
         self._machine = Machine.restored(self._rig, self._config, snapshot)
         if self._recorded is not None:
             self._reference = Machine.restored(*self._recorded, snapshot)
@@ -203,8 +204,8 @@ class Player:
                 Hole(
                     first=before.sequence + 1,
                     last=step.sequence - 1,
-                    t_before_ns=before.event.t_ns,
-                    t_after_ns=step.event.t_ns,
+                    t_before_ns=before.t_ns,
+                    t_after_ns=step.t_ns,
                 )
             )
 
@@ -212,22 +213,22 @@ class Player:
         replay = self._replay
         replay.events += 1
         replay.commands += len(step.commands)
-        replay.t_last_ns = step.event.t_ns
-        self._advanced(step.event.t_ns)
+        replay.t_last_ns = step.t_ns
+        self._advanced(step.t_ns)
         if self._machine is None and self._reference is not None and self._active not in self._parted - {""}:
-            self._machine = Machine.restored(self._rig, self._config, self._reference.snapshot(step.event.t_ns))
+            self._machine = Machine.restored(self._rig, self._config, self._reference.snapshot())
         if self._machine is not None:
             self._decide(self._machine, step)
         if self._reference is not None:
             with contextlib.suppress(ImpossibleEvent, PtzdError):  # another version of the core; the comparison tells
-                self._reference.handle(step.event)
+                self._reference.handle(step.event, step.t_ns)
         replay.recorded |= {told.id: told for told in step.commands if isinstance(told, cmd.PublishResult)}
         self._active = step.active(self._active)
 
     def _decide(self, machine: Machine, step: _Step) -> None:
         event = self._computed_anew(step)
         try:
-            commands = machine.handle(event)
+            commands = machine.handle(event, step.t_ns)
         except (ImpossibleEvent, PtzdError) as error:
             self._differ(step, self._active, type(event).__name__, "handled", str(error), parts=True)
             return
@@ -255,7 +256,7 @@ class Player:
             result = self._matcher(job, fisheye, view)
         except PtzdError as error:
             self._differ(step, job.request_id, "MatchFinished.result", "computed", str(error))
-            return ev.MatchFailed(t_ns=event.t_ns, match_id=event.match_id, reason=str(error))
+            return ev.MatchFailed(match_id=event.match_id, reason=str(error))
         for found in differences("MatchFinished.result", event.result, result, self._tolerance)[:1]:
             self._differ(step, job.request_id, *found)
         return dataclasses.replace(event, result=dataclasses.replace(result, elapsed_ms=event.result.elapsed_ms))
@@ -314,7 +315,7 @@ def _steps(reader: LogReader) -> Iterator[_Step]:
             if step is not None:
                 step.whole = logged.sequence <= step.sequence + 1
                 yield step
-            step = _Step(logged.sequence, logged.event)
+            step = _Step(logged.sequence, logged.t_ns, logged.event)
         elif step is not None:
             step.commands.append(logged.command)
     if step is not None:

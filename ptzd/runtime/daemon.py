@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import dataclasses
 import math
 from collections.abc import Callable, Coroutine, Sequence
 from typing import Any
@@ -126,7 +125,7 @@ class Daemon:
             await self._end([stopping, *tasks])
 
     async def _end(self, tasks: Sequence[asyncio.Task[Any]]) -> None:
-        self.pump.tell(lambda t_ns: ev.ShutdownRequested(t_ns=t_ns))
+        self.pump.tell(ev.ShutdownRequested())
         try:
             async with asyncio.timeout(STOP_WITHIN_S):
                 await self.pump.finished.wait()
@@ -139,20 +138,17 @@ class Daemon:
 
     def adopt(self, config: Config) -> None:
         """Let the core go on with the parts of these settings that may change; a new log file begins with them."""
-        self.pump.tell(lambda t_ns: ev.SettingsChanged(t_ns=t_ns, parts=core_parts(config)))
+        self.pump.tell(ev.SettingsChanged(parts=core_parts(config)))
 
     async def _listen(self) -> None:
         async for event in self._bus.events():
-            self._tell_arrived(event)
-
-    def _tell_arrived(self, event: ev.Event) -> None:
-        self.pump.tell(lambda t_ns: dataclasses.replace(event, t_ns=t_ns))
+            self.pump.tell(event)
 
     def _head_lost(self, error: DeviceError) -> None:
         self.head_watch.report_lost(error)
 
-    def _watch_readiness(self, sequence: int, event: ev.Event, commands: list[cmd.Command]) -> None:
-        del sequence, commands
+    def _watch_readiness(self, t_ns: int, event: ev.Event, commands: list[cmd.Command]) -> None:
+        del t_ns, commands
         serving = self.pump.machine.state is not State.STARTING
         if serving or isinstance(event, ev.DeviceLost):
             answering, self._answering = self._answering, _nothing

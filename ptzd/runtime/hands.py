@@ -11,7 +11,7 @@ from ptzd.errors import DeviceError, PtzdError
 from ptzd.ports import EventLog, MoveStalled, MoveSuperseded, Perception, PtzHead
 from ptzd.runtime.frames import FrameStore
 
-Tell = Callable[[Callable[[int], ev.Event]], None]
+Tell = Callable[[ev.Event], None]
 
 
 class Hands:
@@ -101,11 +101,11 @@ class Hands:
             return
         except MoveStalled as stalled:
             where, reason = stalled.reading, stalled.reason
-            self._tell(lambda t_ns: ev.HeadStalled(t_ns=t_ns, move_id=number, reading=where, reason=reason))
+            self._tell(ev.HeadStalled(move_id=number, reading=where, reason=reason))
         except DeviceError as error:
             self._lost(error)
         else:
-            self._tell(lambda t_ns: ev.HeadArrived(t_ns=t_ns, move_id=number, reading=reading))
+            self._tell(ev.HeadArrived(move_id=number, reading=reading))
 
     async def _stop(self) -> None:
         try:
@@ -113,7 +113,7 @@ class Hands:
         except DeviceError as error:
             self._lost(error)
         else:
-            self._tell(lambda t_ns: ev.HeadStopped(t_ns=t_ns))
+            self._tell(ev.HeadStopped())
 
     async def _grab(self, command: cmd.GrabView) -> None:
         number = command.grab_id
@@ -124,19 +124,19 @@ class Hands:
             return
         self._frames.add_view(picture)
         self._log.picture("/ptz/image", picture)
-        self._tell(lambda t_ns: ev.ViewTaken(t_ns=t_ns, grab_id=number, view=view))
+        self._tell(ev.ViewTaken(grab_id=number, view=view))
 
     async def _match(self, command: cmd.RunMatch) -> None:
         number = command.match_id
         fisheye, view = self._frames.fisheye(command.frame), self._frames.view(command.view.frame)
         if fisheye is None or view is None:
             which = "fisheye frame" if fisheye is None else "view"
-            self._tell(lambda t_ns: ev.MatchFailed(t_ns=t_ns, match_id=number, reason=f"the {which} is gone"))
+            self._tell(ev.MatchFailed(match_id=number, reason=f"the {which} is gone"))
             return
         try:
             result = await self._perception.match(command, fisheye.jpeg, view.jpeg)
         except PtzdError as error:
             reason = str(error)
-            self._tell(lambda t_ns: ev.MatchFailed(t_ns=t_ns, match_id=number, reason=reason))
+            self._tell(ev.MatchFailed(match_id=number, reason=reason))
         else:
-            self._tell(lambda t_ns: ev.MatchFinished(t_ns=t_ns, match_id=number, result=result))
+            self._tell(ev.MatchFinished(match_id=number, result=result))

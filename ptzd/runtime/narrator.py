@@ -37,10 +37,9 @@ class Narrator:
         self._moved_ns: int | None = None
         self._lease: cmd.LeaseHeld | None = None
 
-    def seen(self, sequence: int, event: ev.Event, commands: list[cmd.Command]) -> None:
+    def seen(self, t_ns: int, event: ev.Event, commands: list[cmd.Command]) -> None:
         """Look at one step."""
-        del sequence
-        self._tell_untold(event.t_ns)
+        self._tell_untold(t_ns)
         match event:
             case ev.DeviceLost():
                 _log.error("%s lost: %s", event.device, event.reason, extra={"device": event.device})
@@ -49,22 +48,21 @@ class Narrator:
             case ev.RequestReceived() if any(isinstance(command, cmd.PinFrame) for command in commands):
                 _log.info("request %s accepted", event.id, extra={"request": event.id})
             case ev.PayloadRefused(token=None) if not any(isinstance(told, cmd.PublishResult) for told in commands):
-                self._refused(event.t_ns, event.field, event.message, event.code)
+                self._refused(t_ns, event.field, event.message, event.code)
             case ev.MatchFailed():
                 _log.warning("match %d failed: %s", event.match_id, event.reason)
             case ev.ForeignMotion():
-                self._moved(event.t_ns)
+                self._moved(t_ns)
             case ev.UpdateReceived(token=None) | ev.CancelReceived(token=None):
-                self._unheard(event, commands)
+                self._unheard(t_ns, event, commands)
             case _:
                 pass
         for command in commands:
-            self._tell(command, event)
+            self._tell(t_ns, command, event)
             if isinstance(command, cmd.PublishStatus):
                 self._tell_lease(command.lease)
 
-    def _tell(self, command: cmd.Command, event: ev.Event) -> None:
-        t_ns = event.t_ns
+    def _tell(self, t_ns: int, command: cmd.Command, event: ev.Event) -> None:
         match command:
             case cmd.ReplyRefused() if not isinstance(event, _MESSAGES):
                 # what a device did to somebody who waits, say for his stop: never lost among the nonsense of others
@@ -103,11 +101,11 @@ class Narrator:
             _log.warning("somebody else moves the camera", extra={"device": ev.Device.PTZ})
         self._moved_ns = t_ns
 
-    def _unheard(self, event: ev.UpdateReceived | ev.CancelReceived, commands: list[cmd.Command]) -> None:
+    def _unheard(self, t_ns: int, event: ev.UpdateReceived | ev.CancelReceived, commands: list[cmd.Command]) -> None:
         """A put that was refused: what the feedback says, for the journal."""
         for command in commands:
             if isinstance(command, cmd.PublishFeedback) and command.id == event.id and command.step == "note":
-                self._refused(event.t_ns, "$", f"{event.id}: {command.detail.get('text', '')}", "put")
+                self._refused(t_ns, "$", f"{event.id}: {command.detail.get('text', '')}", "put")
 
     def _refused(self, t_ns: int, what: str, message: str, code: str) -> None:
         """Whoever sends nonsense by the thousand must not fill the journal."""

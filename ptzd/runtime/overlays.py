@@ -60,9 +60,9 @@ class Overlays:
         self._views: OrderedDict[int, ViewRef] = OrderedDict()
         self._drawing: set[asyncio.Task[None]] = set()
 
-    def seen(self, sequence: int, event: ev.Event, commands: list[cmd.Command]) -> None:
+    def seen(self, t_ns: int, event: ev.Event, commands: list[cmd.Command]) -> None:
         """Look at one step of the core."""
-        del sequence
+        del t_ns
         for command in commands:
             if isinstance(command, cmd.RunMatch):
                 self._views[command.match_id] = command.view

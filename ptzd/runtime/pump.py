@@ -14,7 +14,7 @@ from ptzd.runtime.frames import FrameStore
 from ptzd.runtime.hands import Hands
 
 Observer = Callable[[int, ev.Event, list[cmd.Command]], None]
-"""Shown the sequence number, the event and the commands of every step after it was performed."""
+"""Shown stamp (ns), event and commands of every step after it was performed."""
 
 
 class Pump:
@@ -48,24 +48,24 @@ class Pump:
         self._bus = bus
         self._frames = frames
         self._observers = observers
-        self._waiting: deque[Callable[[int], ev.Event]] = deque()
+        self._waiting: deque[ev.Event] = deque()
         self._draining = False
         self._sequence = 0
         self._told = asyncio.Event()
 
-    def tell(self, make: Callable[[int], ev.Event]) -> None:
-        """Tell the core something; ``make`` gets the stamp.
+    def tell(self, event: ev.Event) -> None:
+        """Tell the core something; it is stamped when its turn has come.
 
         Calls from within a performed command wait until that command's siblings are performed: the order of events is
         the order in which they were told.
         """
-        self._waiting.append(make)
+        self._waiting.append(event)
         if self._draining:
             return
         self._draining = True
         try:
             while self._waiting:
-                self._step(self._waiting.popleft()(self._clock.now_ns()))
+                self._step(self._waiting.popleft(), self._clock.now_ns())
         finally:
             self._draining = False
         self._told.set()
@@ -73,18 +73,18 @@ class Pump:
     def cut_log(self) -> None:
         """Begin a new log file between two events: a snapshot of the core opens it."""
         self._sequence += 1
-        self._log.rotate(self._sequence, self.machine.snapshot(self._clock.now_ns()))
+        self._log.rotate(self._sequence, self._clock.now_ns(), self.machine.snapshot())
 
-    def _step(self, event: ev.Event) -> None:
+    def _step(self, event: ev.Event, t_ns: int) -> None:
         self._sequence += 1
-        self._log.event(self._sequence, event)
-        commands = self.machine.handle(event)
+        self._log.event(self._sequence, t_ns, event)
+        commands = self.machine.handle(event, t_ns)
         for command in commands:
-            self._log.command(self._sequence, event.t_ns, command)
+            self._log.command(self._sequence, t_ns, command)
         for command in commands:
             self._perform(command)
         for observer in self._observers:
-            observer(self._sequence, event, commands)
+            observer(t_ns, event, commands)
         if self._log.rotate_due() or isinstance(event, ev.SettingsChanged):
             self.cut_log()
 
@@ -113,4 +113,4 @@ class Pump:
                     await self._told.wait()
             except TimeoutError:
                 if deadline is not None and self._clock.now_ns() >= deadline:
-                    self.tell(lambda t_ns: ev.DeadlinePassed(t_ns=t_ns))
+                    self.tell(ev.DeadlinePassed())

@@ -55,7 +55,7 @@ class Health:
         """The device delivers."""
         if self._said != "":
             self._said = ""
-            self._tell(lambda t_ns: ev.DeviceWell(t_ns=t_ns, device=self._device))
+            self._tell(ev.DeviceWell(device=self._device))
 
     def report_lost(self, error: DeviceError) -> None:
         """The device does not."""
@@ -64,7 +64,7 @@ class Health:
             return
         self.lost_since_start += self._said == ""
         self._said = reason
-        self._tell(lambda t_ns: ev.DeviceLost(t_ns=t_ns, device=self._device, reason=reason))
+        self._tell(ev.DeviceLost(device=self._device, reason=reason))
 
 
 class Turns:
@@ -132,7 +132,7 @@ class FisheyeWatch:
         self.frames_lost += picture.lost_before
         self._frames.add(picture)
         self._log.picture("/fisheye/image", picture)
-        self._tell(lambda t_ns: ev.FrameArrived(t_ns=t_ns, frame=picture.frame))
+        self._tell(ev.FrameArrived(frame=picture.frame))
         self.health.report_well()
         self._shown(picture)
 
@@ -194,7 +194,7 @@ class HeadWatch:
         limits = await self._head.describe()
         polls = self._head.polls()
         first = await anext(polls)
-        self._tell(lambda t_ns: ev.HeadReady(t_ns=t_ns, limits=limits, reading=first.reading))
+        self._tell(ev.HeadReady(limits=limits, reading=first.reading))
         self._on_poll(first)
         tasks = [
             asyncio.create_task(self._follow_polls()),
@@ -222,8 +222,8 @@ class HeadWatch:
     def _on_poll(self, poll: HeadPoll) -> None:
         self.last_poll = poll
         if poll.foreign:
-            self._tell(lambda t_ns: ev.ForeignMotion(t_ns=t_ns, reading=poll.reading))
-        self._tell(lambda t_ns: ev.HeadPolled(t_ns=t_ns, reading=poll.reading, motion=poll.motion))
+            self._tell(ev.ForeignMotion(reading=poll.reading))
+        self._tell(ev.HeadPolled(reading=poll.reading, motion=poll.motion))
         self._polled(poll)
 
     async def _follow_pictures(self, back_off: BackOff) -> None:

@@ -49,12 +49,12 @@ async def write(directory: Path, total_bytes: int) -> tuple[float, float]:
         while told < total_bytes:
             t_ns = time.time_ns()
             if log.rotate_due():
-                log.rotate(number, Snapshot(t_ns=t_ns))
+                log.rotate(number, t_ns, Snapshot())
                 number += 1
             jpeg = pictures[number % len(pictures)]
             frame = FrameRef(seq=number, t_capture_ns=t_ns)
             log.picture(FISHEYE_IMAGE, Picture(frame=frame, t_arrival_ns=t_ns, jpeg=jpeg))
-            log.event(number, FrameArrived(t_ns=t_ns, frame=frame))
+            log.event(number, t_ns, FrameArrived(frame=frame))
             number, told = number + 1, told + len(jpeg)
             await drained(log, WAITING)
         await drained(log, 0)

@@ -56,11 +56,11 @@ async def victim(directory: str, sync_s: float) -> None:
         for sequence in itertools.count():
             t_ns = time.monotonic_ns()
             if log.rotate_due():
-                log.rotate(sequence, Snapshot(t_ns=t_ns))
+                log.rotate(sequence, t_ns, Snapshot())
                 continue
             frame = FrameRef(seq=sequence, t_capture_ns=t_ns)
             log.picture(FISHEYE_IMAGE, Picture(frame=frame, t_arrival_ns=t_ns, jpeg=jpeg))
-            log.event(sequence, FrameArrived(t_ns=t_ns, frame=frame))
+            log.event(sequence, t_ns, FrameArrived(frame=frame))
             log.command(sequence, t_ns, StopHead())
             print(sequence, t_ns, flush=True)
             await asyncio.sleep(PERIOD_S)

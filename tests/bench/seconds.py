@@ -64,10 +64,10 @@ class Spent:
         self.begun_ns[type(command)] = t_ns
         self.matches += isinstance(command, cmd.RunMatch)
 
-    def event(self, event: ev.Event) -> None:
+    def event(self, event: ev.Event, t_ns: int) -> None:
         begin = ENDS.get(type(event))
         if begin is not None and begin in self.begun_ns:
-            self.steps_s[STEPS[begin]] += (event.t_ns - self.begun_ns.pop(begin)) / 1e9
+            self.steps_s[STEPS[begin]] += (t_ns - self.begun_ns.pop(begin)) / 1e9
 
 
 def locked(log: Path) -> Iterator[Spent]:
@@ -90,9 +90,9 @@ def locked(log: Path) -> Iterator[Spent]:
                 continue
             event = told.event
             if isinstance(event, ev.RequestReceived):
-                request = Spent(start_ns=event.t_ns, start=reading)
+                request = Spent(start_ns=told.t_ns, start=reading)
             elif request is not None:
-                request.event(event)
+                request.event(event, told.t_ns)
             if isinstance(event, ev.HeadPolled | ev.HeadArrived):
                 reading = event.reading
 

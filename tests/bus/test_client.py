@@ -36,7 +36,7 @@ async def test_every_wish_arrives(core, client):
     assert (accepted.id, accepted.frame.seq, accepted.position) == ("a", 7, 0)
     (event,) = core.seen
     assert event == RequestReceived(
-        t_ns=event.t_ns, token=event.token, id="a", box=Box(x=1, y=2, w=30, h=40), frame_seq=4,
+        token=event.token, id="a", box=Box(x=1, y=2, w=30, h=40), frame_seq=4,
         range_m=(1.0, float("inf")), zoom=ZoomWish.HFOV, hfov_deg=12.5, fill=0.3, hold_s=2, timeout_s=8, priority=1,
         label="é",
     )  # fmt: skip
@@ -113,7 +113,7 @@ async def test_update_reaches_the_core(core, client):
     await client.update("a", BOX, frame_t_capture_ns=9)
     (event,) = await core.until(1)
     box = Box(x=1, y=2, w=30, h=40)
-    assert event == UpdateReceived(t_ns=event.t_ns, id="a", box=box, frame_t_capture_ns=9, told=True)
+    assert event == UpdateReceived(id="a", box=box, frame_t_capture_ns=9, told=True)
 
 
 async def test_nobody_there_is_said(client, endpoint):

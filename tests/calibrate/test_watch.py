@@ -63,7 +63,7 @@ def request(number, rig, pixel, range_m):
     towards = normalise(rig.head_from_fisheye_rotation @ ray + rig.head_from_fisheye_translation / range_m)
     pan, tilt = (float(np.degrees(angle)) for angle in pan_tilt(towards))
     box = Box(x=pixel[0] - 15.0, y=pixel[1] - 15.0, w=30.0, h=30.0)
-    asked = ev.RequestReceived(t_ns=number, token=None, id=f"{number}", box=box)
+    asked = ev.RequestReceived(token=None, id=f"{number}", box=box)
     result = cmd.PublishResult(
         id=f"{number}", outcome=Outcome.LOCKED, reason="held as asked", label="", elapsed_ms=1, views=1,
         pan_deg=pan, tilt_deg=tilt, range_m=range_m,
@@ -80,8 +80,8 @@ def shown(watch, truth, count=20, *, moved=False):
         asked, result = request(number, truth, pixel, float(rng.uniform(2.0, 8.0)))
         watch.seen(2 * number, asked, [])
         if moved:
-            watch.seen(2 * number, ev.UpdateReceived(t_ns=number, id=asked.id, box=asked.box), [])
-        watch.seen(2 * number + 1, ev.DeadlinePassed(t_ns=number), [result])
+            watch.seen(2 * number, ev.UpdateReceived(id=asked.id, box=asked.box), [])
+        watch.seen(2 * number + 1, ev.DeadlinePassed(), [result])
 
 
 def watching(loaded, log, renew, *, idle=True):

@@ -64,6 +64,7 @@ class World:
         self.t_ns = 1_000_000_000_000
         self.inverse_range = inverse_range
         self.told: list[ev.Event] = []
+        self.told_ns: list[int] = []
         self.done: list[cmd.Command] = []
         self.reading = HeadReading(pan_deg=0.0, tilt_deg=0.0, zoom=1.0)
         self.limits = HeadLimits(pan_deg=(-170, 170), tilt_deg=(-80, 80), zoom=(1, 9999))
@@ -77,27 +78,33 @@ class World:
 
     def tell(self, event: ev.Event) -> list[cmd.Command]:
         """Hand one event to the core and start what it wants."""
-        commands = self.machine.handle(event)
+        commands = self.machine.handle(event, self.t_ns)
         self.told.append(event)
+        self.told_ns.append(self.t_ns)
         self.done += commands
         for command in commands:
             self._perform(command)
         return commands
 
+    def replayed(self, machine: Machine, since: int = 0) -> list[cmd.Command]:
+        """What another core answers to what this one was told."""
+        told = zip(self.told[since:], self.told_ns[since:], strict=True)
+        return [command for event, t_ns in told for command in machine.handle(event, t_ns)]
+
     def start(self) -> None:
         """Both devices come up and a frame arrives."""
-        self.tell(ev.HeadReady(t_ns=self.t_ns, limits=self.limits, reading=self.reading))
-        self.tell(ev.DeviceWell(t_ns=self.t_ns, device=ev.Device.PTZ))
-        self.tell(ev.DeviceWell(t_ns=self.t_ns, device=ev.Device.FISHEYE))
+        self.tell(ev.HeadReady(limits=self.limits, reading=self.reading))
+        self.tell(ev.DeviceWell(device=ev.Device.PTZ))
+        self.tell(ev.DeviceWell(device=ev.Device.FISHEYE))
         self.frame(0)
 
     def frame(self, seq: int) -> None:
-        self.tell(ev.FrameArrived(t_ns=self.t_ns, frame=FrameRef(seq=seq, t_capture_ns=self.t_ns - 1_000_000)))
+        self.tell(ev.FrameArrived(frame=FrameRef(seq=seq, t_capture_ns=self.t_ns - 1_000_000)))
 
     def request(self, name: str = "a", **fields: object) -> list[cmd.Command]:
         box = fields.pop("box", Box(x=330, y=230, w=40, h=32))
         token = fields.pop("token", 1)
-        return self.tell(ev.RequestReceived(t_ns=self.t_ns, token=token, id=name, box=box, **fields))
+        return self.tell(ev.RequestReceived(token=token, id=name, box=box, **fields))
 
     def run(self, seconds: float = 120.0, until: State | None = None) -> None:
         """Let time pass: answers and deadlines in their order."""
@@ -115,7 +122,7 @@ class World:
                     self._arrive(event)
                     self.tell(event)
             else:
-                self.tell(ev.DeadlinePassed(t_ns=self.t_ns))
+                self.tell(ev.DeadlinePassed())
         else:
             return
         self.t_ns = max(self.t_ns, end)
@@ -137,7 +144,7 @@ class World:
     def _answer(self, delay_s: float, make: type[ev.Event], **fields: object) -> ev.Event:
         self._count += 1
         t_ns = self.t_ns + round(delay_s * 1e9)
-        event = make(t_ns=t_ns, **fields)
+        event = make(**fields)
         heapq.heappush(self._answers, (t_ns, self._count, event))
         return event
 

@@ -48,8 +48,8 @@ def plain(kind: type[ev.Event], t_ns: int) -> ev.Event:
         ev.MatchFailed: {"match_id": STALE, "reason": "broken"},
     }
     if kind is ev.MatchFinished:
-        return ev.MatchFinished(t_ns=t_ns, match_id=STALE, result=None)  # type: ignore[arg-type]  # not looked at
-    return kind(t_ns=t_ns, **fields.get(kind, {}))
+        return ev.MatchFinished(match_id=STALE, result=None)  # type: ignore[arg-type]  # not looked at
+    return kind(**fields.get(kind, {}))
 
 
 class Life:
@@ -62,7 +62,7 @@ class Life:
         self.machine: Machine = world.machine
         self.limits: HeadLimits = world.limits
         self.t_ns = world.t_ns
-        self.told: list[ev.Event] = []
+        self.told: list[tuple[ev.Event, int]] = []
         self.done: list[cmd.Command] = []
         self.tokens = itertools.count(1)
         self.asked: set[int] = set()
@@ -91,21 +91,19 @@ class Life:
         self._frame()
 
     def _well_ptz(self) -> None:
-        self.tell(ev.HeadReady(t_ns=self.t_ns, limits=self.limits, reading=HOME))
-        self.tell(ev.DeviceWell(t_ns=self.t_ns, device=ev.Device.PTZ))
+        self.tell(ev.HeadReady(limits=self.limits, reading=HOME))
+        self.tell(ev.DeviceWell(device=ev.Device.PTZ))
 
     def _well_fisheye(self) -> None:
-        self.tell(ev.DeviceWell(t_ns=self.t_ns, device=ev.Device.FISHEYE))
+        self.tell(ev.DeviceWell(device=ev.Device.FISHEYE))
 
     def _lost(self) -> None:
         device = self.pick(list(ev.Device))
-        self.tell(ev.DeviceLost(t_ns=self.t_ns, device=device, reason=self.pick(["cut", "mute"])))
+        self.tell(ev.DeviceLost(device=device, reason=self.pick(["cut", "mute"])))
 
     def _frame(self) -> None:
         self.seq += 1
-        self.tell(
-            ev.FrameArrived(t_ns=self.t_ns, frame=FrameRef(seq=self.seq, t_capture_ns=self.t_ns - SECOND_NS // 20))
-        )
+        self.tell(ev.FrameArrived(frame=FrameRef(seq=self.seq, t_capture_ns=self.t_ns - SECOND_NS // 20)))
 
     def _request(self) -> None:
         self._frame()
@@ -117,7 +115,6 @@ class Life:
         zoom = self.pick(list(ev.ZoomWish))
         self.tell(
             ev.RequestReceived(
-                t_ns=self.t_ns,
                 token=self.pick([None, self._token(), self._token()]),
                 id=name,
                 box=box,
@@ -134,25 +131,24 @@ class Life:
     def _refused(self) -> None:
         name = self.pick([None, "bad"])
         token = None if name else self._token()
-        self.tell(ev.PayloadRefused(t_ns=self.t_ns, token=token, code="invalid", message="no", field="$", id=name))
+        self.tell(ev.PayloadRefused(token=token, code="invalid", message="no", field="$", id=name))
 
     def _update(self) -> None:
         self._frame()
         box = self.pick([replace(BOX, x=380), replace(BOX, x=700)])
-        self.tell(ev.UpdateReceived(t_ns=self.t_ns, id=self._name(), box=box, frame_seq=self.seq))
+        self.tell(ev.UpdateReceived(id=self._name(), box=box, frame_seq=self.seq))
 
     def _cancel(self) -> None:
-        self.tell(ev.CancelReceived(t_ns=self.t_ns, token=self._token(), id=self._name()))
+        self.tell(ev.CancelReceived(token=self._token(), id=self._name()))
 
     def _control(self) -> None:
         verb = self.pick(list(ev.Verb))
-        self.tell(ev.ControlReceived(t_ns=self.t_ns, token=self._token(), verb=verb))
+        self.tell(ev.ControlReceived(token=self._token(), verb=verb))
 
     def _lease(self) -> None:
         """Somebody takes the head, goes on, gives it back or wants it."""
         self.tell(
             ev.LeaseAsked(
-                t_ns=self.t_ns,
                 token=self.pick([None, self._token(), self._token()]),
                 wish=self.pick([ev.LeaseWish.TAKE, *ev.LeaseWish]),
                 owner=self.pick(PEOPLE),
@@ -173,16 +169,16 @@ class Life:
         head, self.head = self.head, None
         if isinstance(head, cmd.MoveHead):
             self.world.reading = head.target
-            self.tell(ev.HeadArrived(t_ns=self.t_ns, move_id=head.move_id, reading=head.target))
+            self.tell(ev.HeadArrived(move_id=head.move_id, reading=head.target))
         elif isinstance(head, cmd.GrabView):
-            self.tell(ev.ViewTaken(t_ns=self.t_ns, grab_id=head.grab_id, view=self._view()))
+            self.tell(ev.ViewTaken(grab_id=head.grab_id, view=self._view()))
         elif self.stop_sent_ns is not None:
-            self.tell(ev.HeadStopped(t_ns=self.t_ns))
+            self.tell(ev.HeadStopped())
 
     def _head_fails(self) -> None:
         head, self.head = self.head, None
         if isinstance(head, cmd.MoveHead):
-            self.tell(ev.HeadStalled(t_ns=self.t_ns, move_id=head.move_id, reading=HOME, reason="blocked"))
+            self.tell(ev.HeadStalled(move_id=head.move_id, reading=HOME, reason="blocked"))
         elif isinstance(head, cmd.GrabView):
             self._deadline()
 
@@ -191,11 +187,11 @@ class Life:
         number, (_, job) = self.matches.popitem()
         self.world.score = self.pick([0.95] * 8 + [0.5, 0.1])
         self.world.texture = self.pick([9.0] * 9 + [0.2])
-        self.tell(ev.MatchFinished(t_ns=self.t_ns, match_id=number, result=self.world.match(job)))
+        self.tell(ev.MatchFinished(match_id=number, result=self.world.match(job)))
 
     def _match_fails(self) -> None:
         if self.matches:
-            self.tell(ev.MatchFailed(t_ns=self.t_ns, match_id=self.matches.popitem()[0], reason="broken"))
+            self.tell(ev.MatchFailed(match_id=self.matches.popitem()[0], reason="broken"))
 
     def _late_answer(self) -> None:
         """An answer to something long forgotten."""
@@ -203,23 +199,23 @@ class Life:
         self.tell(plain(kind, self.t_ns))
 
     def _polled(self) -> None:
-        self.tell(ev.HeadPolled(t_ns=self.t_ns, reading=self.world.reading, motion=self.pick(list(Motion))))
+        self.tell(ev.HeadPolled(reading=self.world.reading, motion=self.pick(list(Motion))))
 
     def _foreign(self) -> None:
         reading = HeadReading(pan_deg=self.pick([-40.0, 70.0]), tilt_deg=5.0, zoom=1.0)
-        self.tell(ev.ForeignMotion(t_ns=self.t_ns, reading=reading))
+        self.tell(ev.ForeignMotion(reading=reading))
 
     def _deadline(self) -> None:
         """The time the core asked for comes, unless nothing is wanted."""
         deadline = self.machine.deadline_ns()
         if deadline is not None:
             self.t_ns = max(self.t_ns, deadline)
-            self.tell(ev.DeadlinePassed(t_ns=self.t_ns))
+            self.tell(ev.DeadlinePassed())
             then = self.machine.deadline_ns()
             assert then is None or then > self.t_ns, "a deadline that was served does not come again"
 
     def _early_deadline(self) -> None:
-        self.tell(ev.DeadlinePassed(t_ns=self.t_ns))
+        self.tell(ev.DeadlinePassed())
 
     def _settings(self) -> None:
         """Another wish of whoever edits the file; what was accepted before goes on."""
@@ -230,13 +226,13 @@ class Life:
             lock=msgspec.structs.replace(config.lock, max_corrections=self.pick([0, 2]), fill=self.pick([0.3, 0.5])),
             home=msgspec.structs.replace(config.home, pan_deg=self.pick([0.0, 20.0])),
         )
-        self.tell(ev.SettingsChanged(t_ns=self.t_ns, parts=core_parts(other)))
+        self.tell(ev.SettingsChanged(parts=core_parts(other)))
 
     def _wait(self) -> None:
         self.t_ns += round(self.pick([0.05, 0.5, 2.0]) * SECOND_NS)
 
     def _shutdown(self) -> None:
-        self.tell(ev.ShutdownRequested(t_ns=self.t_ns))
+        self.tell(ev.ShutdownRequested())
 
     def _token(self) -> int:
         return next(self.tokens)
@@ -252,9 +248,9 @@ class Life:
 
     def tell(self, event: ev.Event) -> None:
         before, owner = self.machine.state, self._owner()
-        commands = self.machine.handle(event)
+        commands = self.machine.handle(event, self.t_ns)
         self._check_lease(event, owner, commands)
-        self.told.append(event)
+        self.told.append((event, self.t_ns))
         self.done += commands
         assert self.machine.state in TRANSITIONS[before, type(event)]
         self._note_event(event)
@@ -269,7 +265,7 @@ class Life:
         if isinstance(event, ev.HeadStopped) or self._stop_is_over(event):
             self.stop_sent_ns = None
         if isinstance(event, ev.DeadlinePassed):
-            fresh = {n: (sent, job) for n, (sent, job) in self.matches.items() if event.t_ns < sent + MATCH_GUARD_NS}
+            fresh = {n: (sent, job) for n, (sent, job) in self.matches.items() if self.t_ns < sent + MATCH_GUARD_NS}
             self.matches = fresh
         lost = isinstance(event, ev.DeviceLost)
         if lost and event.device is ev.Device.PTZ:
@@ -286,7 +282,7 @@ class Life:
         if isinstance(event, ev.DeviceLost) and event.device is ev.Device.PTZ:
             return True
         sent = self.stop_sent_ns
-        return isinstance(event, ev.DeadlinePassed) and sent is not None and event.t_ns >= sent + STOP_GUARD_NS
+        return isinstance(event, ev.DeadlinePassed) and sent is not None and self.t_ns >= sent + STOP_GUARD_NS
 
     def _note(self, command: cmd.Command, event: ev.Event) -> None:
         match command:
@@ -340,11 +336,11 @@ class Life:
             assert not asked or self.by[active] in {before, self.lent.get(active)}, "only what he asked for moves"
             if active is not None:
                 self.lent[active] = before
-        silent = event.t_ns >= self.heard_ns + self.machine.config.lease.silence_s * SECOND_NS
-        ends = isinstance(event, ev.ShutdownRequested) or silent or event.t_ns >= self.until_ns
+        silent = self.t_ns >= self.heard_ns + self.machine.config.lease.silence_s * SECOND_NS
+        ends = isinstance(event, ev.ShutdownRequested) or silent or self.t_ns >= self.until_ns
         refused = any(isinstance(command, cmd.ReplyRefused) for command in commands)
         if isinstance(event, ev.LeaseAsked) and event.owner == after and not refused:
-            self.heard_ns = event.t_ns
+            self.heard_ns = self.t_ns
         if new and new[-1].lease is not None:
             self.until_ns = new[-1].lease.until_ns
         told = isinstance(event, ev.LeaseAsked) and (event.owner == before or event.rank > 0)

@@ -16,7 +16,7 @@ SECOND_NS = 1_000_000_000
 def ask(world, wish: str, owner: str = "desk", **fields: object) -> list[cmd.Command]:
     token = fields.pop("token", 7)
     return world.tell(
-        ev.LeaseAsked(t_ns=world.t_ns, token=token, wish=ev.LeaseWish(wish), owner=owner, **fields),
+        ev.LeaseAsked(token=token, wish=ev.LeaseWish(wish), owner=owner, **fields),
     )
 
 
@@ -113,7 +113,7 @@ def test_what_he_asks_for_himself_is_done_and_then_it_is_his_again(world) -> Non
 
 def test_a_stop_goes_before_it_and_leaves_it_to_him(world) -> None:
     ask(world, "take")
-    world.tell(ev.ControlReceived(t_ns=world.t_ns, token=8, verb=ev.Verb.STOP))
+    world.tell(ev.ControlReceived(token=8, verb=ev.Verb.STOP))
     assert world.machine.state is State.IDLE
     assert lease_of(world).owner == "desk"
     world.run(until=State.MANUAL)
@@ -124,7 +124,7 @@ def test_a_stop_goes_before_it_and_leaves_it_to_him(world) -> None:
 
 def test_nobody_sends_it_home_meanwhile(world) -> None:
     ask(world, "take")
-    (told,) = world.tell(ev.ControlReceived(t_ns=world.t_ns, token=8, verb=ev.Verb.HOME))
+    (told,) = world.tell(ev.ControlReceived(token=8, verb=ev.Verb.HOME))
     assert told.code == "leased"
     assert "desk" in told.message
 
@@ -132,10 +132,10 @@ def test_nobody_sends_it_home_meanwhile(world) -> None:
 @pytest.mark.parametrize("device", list(ev.Device))
 def test_a_device_that_comes_back_finds_it_his(world, device) -> None:
     ask(world, "take")
-    world.tell(ev.DeviceLost(t_ns=world.t_ns, device=device, reason="unplugged"))
+    world.tell(ev.DeviceLost(device=device, reason="unplugged"))
     assert world.machine.state is State.FAULT
     keep(world, 4.0)
-    world.tell(ev.DeviceWell(t_ns=world.t_ns, device=device))
+    world.tell(ev.DeviceWell(device=device))
     world.run(2.0)
     assert world.machine.state is State.MANUAL
 
@@ -158,8 +158,8 @@ def test_who_does_not_have_it_can_neither_give_nor_ask_in_vain(world) -> None:
 def test_it_is_in_the_snapshot(world, rig, config) -> None:
     ask(world, "take", rank=2)
     world.run(2.0)
-    heir = Machine.restored(rig, config, world.machine.snapshot(world.t_ns))
+    heir = Machine.restored(rig, config, world.machine.snapshot())
     assert heir.state is State.MANUAL
     assert heir.deadline_ns() == world.machine.deadline_ns()
-    event = ev.LeaseAsked(t_ns=world.t_ns, token=1, wish=ev.LeaseWish.TAKE, owner="gate", rank=2)
-    assert heir.handle(event) == world.machine.handle(event)
+    event = ev.LeaseAsked(token=1, wish=ev.LeaseWish.TAKE, owner="gate", rank=2)
+    assert heir.handle(event, world.t_ns) == world.machine.handle(event, world.t_ns)

@@ -31,14 +31,14 @@ def test_a_life_of_whatever_may_come(rig, config, new_world, seed: int) -> None:
     life.act("start")
     for action in chance.choices(ACTIONS, k=chance.randint(5, 60)):
         life.act(action)
-    middle, told, done = life.machine.snapshot(life.t_ns), len(life.told), len(life.done)
+    middle, told, done = life.machine.snapshot(), len(life.told), len(life.done)
     in_force = life.machine.config
     for action in chance.choices(ACTIONS, k=chance.randint(5, 60)):
         life.act(action)
     life.end()
     twin, heir = Machine(rig, config), Machine.restored(rig, in_force, middle)
-    assert [command for event in life.told for command in twin.handle(event)] == life.done
-    assert [command for event in life.told[told:] for command in heir.handle(event)] == life.done[done:]
+    assert [command for event, t_ns in life.told for command in twin.handle(event, t_ns)] == life.done
+    assert [command for event, t_ns in life.told[told:] for command in heir.handle(event, t_ns)] == life.done[done:]
     for action in chance.choices(ACTIONS, k=5):
         life.act(action)
     assert life.machine.state is State.STOPPED

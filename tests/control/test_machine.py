@@ -157,15 +157,15 @@ def test_every_end_at_every_stage_gives_one_result(make_world, stage: str, way: 
         world.run(until=state)
         assert world.machine.state is state
     if stage == "fault":
-        world.tell(ev.DeviceLost(t_ns=world.t_ns, device=ev.Device.FISHEYE, reason="pulled"))
+        world.tell(ev.DeviceLost(device=ev.Device.FISHEYE, reason="pulled"))
     moves = len(world.of(cmd.MoveHead))
     event = {
-        "cancel": ev.CancelReceived(t_ns=world.t_ns, token=7, id="a"),
-        "stop": ev.ControlReceived(t_ns=world.t_ns, token=7, verb=ev.Verb.STOP),
-        "shutdown": ev.ShutdownRequested(t_ns=world.t_ns),
-        "fisheye": ev.DeviceLost(t_ns=world.t_ns, device=ev.Device.FISHEYE, reason="unplugged"),
-        "ptz": ev.DeviceLost(t_ns=world.t_ns, device=ev.Device.PTZ, reason="no answer"),
-        "foreign": ev.ForeignMotion(t_ns=world.t_ns, reading=world.reading),
+        "cancel": ev.CancelReceived(token=7, id="a"),
+        "stop": ev.ControlReceived(token=7, verb=ev.Verb.STOP),
+        "shutdown": ev.ShutdownRequested(),
+        "fisheye": ev.DeviceLost(device=ev.Device.FISHEYE, reason="unplugged"),
+        "ptz": ev.DeviceLost(device=ev.Device.PTZ, reason="no answer"),
+        "foreign": ev.ForeignMotion(reading=world.reading),
     }[way]
     world.tell(event)
     if stage in {"scan", "match", "lock"}:
@@ -187,15 +187,15 @@ def test_every_end_at_every_stage_gives_one_result(make_world, stage: str, way: 
 @pytest.mark.parametrize("device", list(ev.Device))
 def test_the_rig_recovers_when_the_device_is_back(world, device: ev.Device) -> None:
     world.request("a")
-    world.tell(ev.DeviceLost(t_ns=world.t_ns, device=device, reason="gone"))
+    world.tell(ev.DeviceLost(device=device, reason="gone"))
     assert world.machine.state is State.FAULT
     (refused,) = world.request("b", token=4)
     assert refused.code == "device_lost"
     assert "gone" in refused.message
     world.run(20)
     if device is ev.Device.PTZ:
-        world.tell(ev.HeadReady(t_ns=world.t_ns, limits=world.limits, reading=world.reading))
-    world.tell(ev.DeviceWell(t_ns=world.t_ns, device=device))
+        world.tell(ev.HeadReady(limits=world.limits, reading=world.reading))
+    world.tell(ev.DeviceWell(device=device))
     world.frame(100)
     world.request("c", token=5)
     world.run()
@@ -215,10 +215,10 @@ def test_a_world_that_does_not_answer_ends_every_request(world, silent: type[cmd
 def test_hold_keeps_the_lock_until_release(world) -> None:
     world.request("a", hold_s=1.0)
     world.run(until=State.LOCK)
-    world.tell(ev.ControlReceived(t_ns=world.t_ns, token=9, verb=ev.Verb.HOLD))
+    world.tell(ev.ControlReceived(token=9, verb=ev.Verb.HOLD))
     world.run(60)
     assert not world.results()
-    world.tell(ev.ControlReceived(t_ns=world.t_ns, token=10, verb=ev.Verb.RELEASE))
+    world.tell(ev.ControlReceived(token=10, verb=ev.Verb.RELEASE))
     assert world.results()["a"][0].outcome is Outcome.RELEASED
 
 
@@ -239,7 +239,7 @@ def test_a_moved_target_is_followed_without_a_new_scan(world) -> None:
     world.run(8)
     before = world.reading
     world.frame(5)
-    world.tell(ev.UpdateReceived(t_ns=world.t_ns, id="a", box=Box(x=380, y=230, w=40, h=32), frame_seq=5))
+    world.tell(ev.UpdateReceived(id="a", box=Box(x=380, y=230, w=40, h=32), frame_seq=5))
     assert world.machine.state is State.LOCK
     world.run(8)
     assert world.reading.pan_deg - before.pan_deg > 5
@@ -250,7 +250,7 @@ def test_a_moved_target_is_followed_without_a_new_scan(world) -> None:
 def test_an_update_before_the_lock_is_taken_over_by_it(world) -> None:
     world.request("a", hold_s=1.0)
     world.frame(6)
-    world.tell(ev.UpdateReceived(t_ns=world.t_ns, id="a", box=Box(x=350, y=230, w=40, h=32), frame_seq=6))
+    world.tell(ev.UpdateReceived(id="a", box=Box(x=350, y=230, w=40, h=32), frame_seq=6))
     world.run()
     assert world.results()["a"][0].outcome is Outcome.LOCKED
     assert world.of(cmd.RunMatch)[-1].frame.seq == 6
@@ -259,13 +259,12 @@ def test_an_update_before_the_lock_is_taken_over_by_it(world) -> None:
 def test_a_snapshot_goes_on_exactly(rig, config, world) -> None:
     world.request("a", hold_s=3.0)
     world.run(3)
-    twin = Machine.restored(rig, config, world.machine.snapshot(world.t_ns))
-    assert twin.snapshot(0) == world.machine.snapshot(0)
+    twin = Machine.restored(rig, config, world.machine.snapshot())
+    assert twin.snapshot() == world.machine.snapshot()
     told = len(world.told)
     done = len(world.done)
     world.run(60)
-    replayed = [command for event in world.told[told:] for command in twin.handle(event)]
-    assert replayed == world.done[done:]
+    assert world.replayed(twin, told) == world.done[done:]
 
 
 def test_the_same_events_give_the_same_commands(rig, config, world) -> None:
@@ -273,7 +272,7 @@ def test_the_same_events_give_the_same_commands(rig, config, world) -> None:
     world.request("b", token=2, priority=3)
     world.run()
     twin = Machine(rig, config)
-    assert [command for event in world.told for command in twin.handle(event)] == world.done
+    assert world.replayed(twin) == world.done
 
 
 def test_late_answers_are_ignored(world: object, make_world: Callable) -> None:
@@ -281,13 +280,13 @@ def test_late_answers_are_ignored(world: object, make_world: Callable) -> None:
     world.start()
     world.request("a")
     number = world.of(cmd.MoveHead)[0].move_id
-    world.tell(ev.CancelReceived(t_ns=world.t_ns, token=None, id="a"))
-    commands = world.tell(ev.HeadArrived(t_ns=world.t_ns, move_id=number, reading=world.reading))
+    world.tell(ev.CancelReceived(token=None, id="a"))
+    commands = world.tell(ev.HeadArrived(move_id=number, reading=world.reading))
     assert commands == []
 
 
 def test_unknown_cancel_is_refused(world) -> None:
-    (refused,) = world.tell(ev.CancelReceived(t_ns=world.t_ns, token=3, id="nobody"))
+    (refused,) = world.tell(ev.CancelReceived(token=3, id="nobody"))
     assert refused.code == "unknown_id"
 
 
@@ -296,7 +295,7 @@ def notes(commands) -> list[tuple[str, str]]:
 
 
 def test_an_unknown_cancel_by_put_is_told_as_feedback(world) -> None:
-    commands = world.tell(ev.CancelReceived(t_ns=world.t_ns, token=None, id="nobody"))
+    commands = world.tell(ev.CancelReceived(token=None, id="nobody"))
     assert notes(commands) == [
         ("nobody", "cancel refused: $.id: no request nobody is active, waiting or lately ended"),
     ]
@@ -305,7 +304,7 @@ def test_an_unknown_cancel_by_put_is_told_as_feedback(world) -> None:
 @pytest.mark.parametrize(("token", "told", "noted"), [(None, True, 1), (None, False, 0), (5, True, 0)])
 def test_an_update_of_an_unknown_id_is_refused_to_whoever_can_hear(world, token, told, noted) -> None:
     box = Box(x=350, y=230, w=40, h=32)
-    commands = world.tell(ev.UpdateReceived(t_ns=world.t_ns, id="nobody", box=box, token=token, told=told))
+    commands = world.tell(ev.UpdateReceived(id="nobody", box=box, token=token, told=told))
     assert len(notes(commands)) == noted
     refusals = [(command.token, command.code) for command in commands if isinstance(command, cmd.ReplyRefused)]
     assert refusals == ([(5, "unknown_id")] if token else [])
@@ -315,16 +314,16 @@ def test_an_update_by_query_is_answered(world) -> None:
     world.request("a")
     world.frame(6)
     good, outside = Box(x=350, y=230, w=40, h=32), Box(x=9000, y=230, w=40, h=32)
-    taken = world.tell(ev.UpdateReceived(t_ns=world.t_ns, id="a", box=good, frame_seq=6, token=7))
+    taken = world.tell(ev.UpdateReceived(id="a", box=good, frame_seq=6, token=7))
     assert cmd.ReplyOutcome(token=7, outcome="updated") in taken
-    refused = world.tell(ev.UpdateReceived(t_ns=world.t_ns, id="a", box=outside, frame_seq=6, token=8))
+    refused = world.tell(ev.UpdateReceived(id="a", box=outside, frame_seq=6, token=8))
     assert [command.token for command in refused if isinstance(command, cmd.ReplyRefused)] == [8]
     assert len(notes(refused)) == 1
 
 
 def test_a_message_about_a_request_that_is_none_is_told_to_it_and_it_goes_on(world) -> None:
     world.request("a", hold_s=1.0)
-    garbled = ev.PayloadRefused(t_ns=world.t_ns, token=None, code="not_json", message="no JSON", field="$", about="a")
+    garbled = ev.PayloadRefused(token=None, code="not_json", message="no JSON", field="$", about="a")
     assert notes(world.tell(garbled)) == [("a", "message refused: $: no JSON")]
     world.run()
     assert world.results()["a"][0].outcome is Outcome.LOCKED
@@ -332,8 +331,8 @@ def test_a_message_about_a_request_that_is_none_is_told_to_it_and_it_goes_on(wor
 
 @pytest.mark.parametrize("token", [None, 6])
 def test_a_home_that_cannot_be_is_refused_also_to_a_put(world, token) -> None:
-    world.tell(ev.DeviceLost(t_ns=world.t_ns, device=ev.Device.PTZ, reason="unplugged"))
-    commands = world.tell(ev.ControlReceived(t_ns=world.t_ns, token=token, verb=ev.Verb.HOME))
+    world.tell(ev.DeviceLost(device=ev.Device.PTZ, reason="unplugged"))
+    commands = world.tell(ev.ControlReceived(token=token, verb=ev.Verb.HOME))
     assert [(command.token, command.code) for command in commands if isinstance(command, cmd.ReplyRefused)] == [
         (token, "device_lost")
     ]
@@ -351,8 +350,8 @@ def test_the_ring_forgets(world) -> None:
 
 
 def test_a_stop_without_a_camera_is_tried_and_refused_at_once(world) -> None:
-    world.tell(ev.DeviceLost(t_ns=world.t_ns, device=ev.Device.PTZ, reason="no answer"))
-    commands = world.tell(ev.ControlReceived(t_ns=world.t_ns, token=9, verb=ev.Verb.STOP))
+    world.tell(ev.DeviceLost(device=ev.Device.PTZ, reason="no answer"))
+    commands = world.tell(ev.ControlReceived(token=9, verb=ev.Verb.STOP))
     assert cmd.StopHead() in commands
     (refused,) = [command for command in commands if isinstance(command, cmd.ReplyRefused)]
     assert (refused.token, refused.code) == (9, "device_lost")
@@ -367,7 +366,7 @@ def test_other_settings_hold_from_the_next_decision_on(world) -> None:
     )
     world.request("before", hold_s=0.0)
     world.run(until=State.LOCK)
-    world.tell(ev.SettingsChanged(t_ns=world.t_ns, parts=core_parts(strict)))
+    world.tell(ev.SettingsChanged(parts=core_parts(strict)))
     world.run()
     assert [result.outcome for result in world.results()["before"]] == [Outcome.LOCKED]
     world.frame(1)
@@ -376,7 +375,7 @@ def test_other_settings_hold_from_the_next_decision_on(world) -> None:
     assert [result.outcome for result in world.results()["after"]] != [Outcome.LOCKED]
     for parts in ({"ptz": {}}, {"lock": {"fill": 7.0}}):
         with pytest.raises(ConfigError, match=next(iter(parts))):
-            world.tell(ev.SettingsChanged(t_ns=world.t_ns, parts=parts))
+            world.tell(ev.SettingsChanged(parts=parts))
     assert world.machine.config == strict
 
 

@@ -27,7 +27,7 @@ def test_it_goes_on_as_it_did(rig, config, life) -> None:
     machine = Machine.restored(rig, config, event(life["snapshot"]))
     assert machine.state == life["state"]
     for step in life["steps"]:
-        decided = machine.handle(event(step["event"]))
+        decided = machine.handle(event(step["event"]), step["event"][1]["t_ns"])
         recorded = [decode_command(name, json.dumps(body), 1) for name, body in step["commands"]]
         assert len(decided) == len(recorded)
         for one, other in zip(recorded, decided, strict=True):

@@ -38,7 +38,7 @@ class Detector:
                 return
             self.seq += 1
             self.world.frame(self.seq)
-            self.world.tell(ev.UpdateReceived(t_ns=self.world.t_ns, id=self.name, box=self.box, frame_seq=self.seq))
+            self.world.tell(ev.UpdateReceived(id=self.name, box=self.box, frame_seq=self.seq))
 
 
 def confirmations_ns(world) -> list[int]:
@@ -52,7 +52,7 @@ def watched(world):
 
     def told(event: ev.Event) -> list[cmd.Command]:
         commands = tell(event)
-        world.steps += [(event.t_ns, c.step) for c in commands if isinstance(c, cmd.PublishFeedback)]
+        world.steps += [(world.t_ns, c.step) for c in commands if isinstance(c, cmd.PublishFeedback)]
         return commands
 
     world.tell = told
@@ -119,7 +119,7 @@ def test_the_newest_of_many_boxes_is_looked_at_next(world) -> None:
     looks = len(world.of(cmd.MoveHead))
     for seq, x in ((10, 334.0), (11, 338.0), (12, 342.0)):
         world.frame(seq)
-        world.tell(ev.UpdateReceived(t_ns=world.t_ns, id="a", box=Box(x=x, y=230, w=40, h=32), frame_seq=seq))
+        world.tell(ev.UpdateReceived(id="a", box=Box(x=x, y=230, w=40, h=32), frame_seq=seq))
     assert len(world.of(cmd.MoveHead)) == looks, "the look under way is not broken off"
     world.run(1.1)
     world.run(1.1)

@@ -175,7 +175,7 @@ def test_the_found_box_is_drawn_where_it_is(rig, lock, look):
     assert (drawn[tuple(np.round(corners[0]).astype(int)[::-1])] == drawing.GREEN).sum() >= 2
 
 
-@pytest.mark.parametrize("answer", [None, ev.MatchFailed(t_ns=0, match_id=1, reason="the view does not decode")])
+@pytest.mark.parametrize("answer", [None, ev.MatchFailed(match_id=1, reason="the view does not decode")])
 def test_pages_of_requests_that_found_nothing(lock_log, rig, answer, look):
     with LogReader(lock_log) as log:
         story = Story(id="x", t_ns=0, looks=[Look(t_ns=0, job=look.job, answer=answer)])

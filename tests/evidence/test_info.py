@@ -78,7 +78,7 @@ BOX = Box(x=1.0, y=2.0, w=10.0, h=10.0)
 
 
 def asked(sequence, name="a", token=None):
-    return LoggedEvent(sequence=sequence, event=ev.RequestReceived(t_ns=sequence, token=token, id=name, box=BOX))
+    return LoggedEvent(sequence=sequence, t_ns=sequence, event=ev.RequestReceived(token=token, id=name, box=BOX))
 
 
 def ended(sequence, name="a"):

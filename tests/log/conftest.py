@@ -94,18 +94,14 @@ def picture():
 
 @pytest.fixture
 def frames():
-    """Endless FrameArrived events."""
-    return (
-        FrameArrived(
-            t_ns=START_NS + seq * 33_000_000, frame=FrameRef(seq=seq, t_capture_ns=START_NS + seq * 33_000_000)
-        )
-        for seq in itertools.count()
-    )
+    """Endless FrameArrived events, each with its time."""
+    times = itertools.count(START_NS, 33_000_000)
+    return ((t_ns, FrameArrived(frame=FrameRef(seq=seq, t_capture_ns=t_ns))) for seq, t_ns in enumerate(times))
 
 
 @pytest.fixture
 def snapshot():
-    return Snapshot(t_ns=START_NS, state={"phase": "parked", "far": float("inf")})
+    return Snapshot(state={"phase": "parked", "far": float("inf")})
 
 
 @pytest.fixture
@@ -178,6 +174,7 @@ class Lock:
     """One request that locks: its decisions in order, and the pictures it used."""
 
     decisions: list
+    """Sequence number, ns since the first, event or command."""
     pictures: list
     range_m: float
 
@@ -214,26 +211,25 @@ def lock(rig):
     result = MatchResult(
         matcher=Matcher.SWEEP, texture=20.0, candidates=(best,), coverage=(0.02, 1.0), seed=1, elapsed_ms=12.0
     )
-    at = START_NS
     decisions = [
-        (1, ev.Snapshot(t_ns=at)),
-        (2, ev.RequestReceived(t_ns=at + 1, token=5, id="gate-1", box=box, frame_seq=11, label="=gate <b>")),
-        (2, cmd.PinFrame(request_id="gate-1", frame=frame)),
-        (2, cmd.ReplyAccepted(token=5, id="gate-1", frame=frame, position=0)),
-        (2, cmd.PublishFeedback(id="gate-1", step="plan", detail={"views": 1})),
-        (3, ev.HeadPolled(t_ns=at + 500_000_000, reading=reading, motion=Motion.STABLE)),
-        (4, ev.ViewTaken(t_ns=at + 1_000_000_000, grab_id=1, view=view)),
-        (4, job),
-        (5, ev.MatchFinished(t_ns=at + 1_100_000_000, match_id=1, result=result)),
-        (5, cmd.PublishFeedback(id="gate-1", step="match", detail={"score": 0.97})),
-        (6, ev.UpdateReceived(t_ns=at + 1_200_000_000, id="gate-1", box=box)),
-        (6, ev.CancelReceived(t_ns=at + 1_300_000_000, token=None, id="gate-1")),
-        (7, cmd.PublishResult(
+        (1, 0, ev.Snapshot()),
+        (2, 1, ev.RequestReceived(token=5, id="gate-1", box=box, frame_seq=11, label="=gate <b>")),
+        (2, 1, cmd.PinFrame(request_id="gate-1", frame=frame)),
+        (2, 1, cmd.ReplyAccepted(token=5, id="gate-1", frame=frame, position=0)),
+        (2, 1, cmd.PublishFeedback(id="gate-1", step="plan", detail={"views": 1})),
+        (3, 500_000_000, ev.HeadPolled(reading=reading, motion=Motion.STABLE)),
+        (4, 1_000_000_000, ev.ViewTaken(grab_id=1, view=view)),
+        (4, 1_000_000_000, job),
+        (5, 1_100_000_000, ev.MatchFinished(match_id=1, result=result)),
+        (5, 1_100_000_000, cmd.PublishFeedback(id="gate-1", step="match", detail={"score": 0.97})),
+        (6, 1_200_000_000, ev.UpdateReceived(id="gate-1", box=box)),
+        (6, 1_300_000_000, ev.CancelReceived(token=None, id="gate-1")),
+        (7, 1_300_000_000, cmd.PublishResult(
             id="gate-1", outcome=Outcome.LOCKED, reason="held as asked", label="=gate <b>", elapsed_ms=1400, views=1,
             pan_deg=1.5, tilt_deg=2.5, range_m=range_m, probability=0.99,
         )),
-        (8, ev.RequestReceived(t_ns=at + 2_000_000_000, token=6, id="../../evil", box=box)),
-        (8, cmd.ReplyRefused(token=6, code="busy", message="the queue is full", field="$")),
+        (8, 2_000_000_000, ev.RequestReceived(token=6, id="../../evil", box=box)),
+        (8, 2_000_000_000, cmd.ReplyRefused(token=6, code="busy", message="the queue is full", field="$")),
     ]  # fmt: skip
     pictures = [
         ("/fisheye/image", frame, render(rig.fisheye, rig.head_from_fisheye_rotation, translation)),
@@ -251,10 +247,8 @@ def lock_log(tmp_path, run, lock, calibration_text):
         image = CompressedImage(t_ns=frame.t_capture_ns, frame_id="x", data=jpeg, format="jpeg")
         t_ns = frame.t_capture_ns
         file.add(topic, t_ns + 20_000_000, t_ns, frame.seq, encode_image(image))
-    t_ns = START_NS
-    for sequence, told in lock.decisions:
-        is_event = isinstance(told, ev.Event)
-        t_ns = told.t_ns if is_event else t_ns
+    for sequence, after_ns, told in lock.decisions:
+        is_event, t_ns = isinstance(told, ev.Event), START_NS + after_ns
         name, body = encode(told)
         document = {"sequence": sequence, "t_ns": t_ns, "name": name, "body": body.decode()}
         file.add("/event" if is_event else "/command", t_ns, t_ns, sequence, json.dumps(document).encode())

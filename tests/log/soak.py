@@ -55,16 +55,16 @@ async def feed(log: McapLog, minutes: float) -> tuple[int, list[float], float]:
         worst = max(worst, time.monotonic() - due)
         t_ns = time.time_ns()
         if log.rotate_due():
-            log.rotate(sequence, Snapshot(t_ns=t_ns))
+            log.rotate(sequence, t_ns, Snapshot())
             sequence += 1
         frame = FrameRef(seq=tick, t_capture_ns=t_ns)
         log.picture(FISHEYE_IMAGE, Picture(frame=frame, t_arrival_ns=t_ns, jpeg=fisheye[tick % 60]))
-        log.event(sequence, FrameArrived(t_ns=t_ns, frame=frame))
+        log.event(sequence, t_ns, FrameArrived(frame=frame))
         sequence += 1
         if tick % (FISHEYE_HZ // PTZ_HZ) == 0:
             log.picture(PTZ_IMAGE, Picture(frame=frame, t_arrival_ns=t_ns, jpeg=ptz[tick % 60]))
             reading = HeadReading(pan_deg=tick % 90, tilt_deg=0.0, zoom=1.0)
-            log.event(sequence, HeadPolled(t_ns=t_ns, reading=reading, motion=Motion.MOVING))
+            log.event(sequence, t_ns, HeadPolled(reading=reading, motion=Motion.MOVING))
             sequence += 1
         if tick % FISHEYE_HZ == 0:
             memory.append(rss_mib())

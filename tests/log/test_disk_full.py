@@ -29,9 +29,9 @@ def told(log, sequences, picture=None):
         if picture is not None:
             log.picture(FISHEYE_IMAGE, picture(sequence, size=300_000))
         if log.rotate_due():
-            log.rotate(sequence, Snapshot(t_ns=sequence))
+            log.rotate(sequence, sequence, Snapshot())
         else:
-            log.event(sequence, DeadlinePassed(t_ns=sequence))
+            log.event(sequence, sequence, DeadlinePassed())
 
 
 def all_sequences(log):
@@ -119,11 +119,11 @@ async def test_the_file_after_the_gap_replays_alone(settings, run, clock, pictur
 async def test_a_summary_without_room_costs_no_record_and_doubles_none(settings, run, clock, disk):
     async with McapLog(settings(rotate_s=1e-6), run, clock) as log:
         told(log, [0])
-        log.event(1, DeadlinePassed(t_ns=1))
+        log.event(1, 1, DeadlinePassed())
         await log.settled()
         disk.room = 300
-        log.event(2, DeadlinePassed(t_ns=2))
-        log.rotate(3, Snapshot(t_ns=3))
+        log.event(2, 2, DeadlinePassed())
+        log.rotate(3, 3, Snapshot())
         await until(lambda: log.stats().degraded)
         disk.room = 1 << 60
         await until(lambda: not log.stats().degraded)

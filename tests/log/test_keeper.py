@@ -16,6 +16,7 @@ from ptzd.log import retention, scribe
 from ptzd.log.reader import LogReader
 from ptzd.log.topics import FISHEYE_IMAGE
 from ptzd.log.writer import McapLog
+from tests.log.conftest import START_NS
 
 
 async def until(condition, timeout_s=100.0):
@@ -89,8 +90,8 @@ async def test_a_sleeping_disk_holds_up_no_record(settings, run, clock, asleep, 
         files = []
         for part in range(3):
             await until(log.rotate_due)
-            log.rotate(2 * part, Snapshot(t_ns=part))
-            log.event(2 * part + 1, DeadlinePassed(t_ns=part))
+            log.rotate(2 * part, part, Snapshot())
+            log.event(2 * part + 1, part, DeadlinePassed())
             await until(lambda: log.stats().waiting == 0)
             files.append(log.current_file)
             active = files[-1].with_name(f"{files[-1].name}.active")
@@ -108,13 +109,13 @@ async def test_a_sleeping_disk_holds_up_no_record(settings, run, clock, asleep, 
 
 async def test_a_file_that_the_disk_would_not_sync_is_given_up(settings, run, clock, refusing):
     async with McapLog(settings(), run, clock) as log:
-        log.rotate(0, Snapshot(t_ns=0))
+        log.rotate(0, 0, Snapshot())
         await log.settled()
         first = log.current_file
         refusing("fdatasync")
         await until(lambda: log.current_file not in {None, first})
         await until(log.rotate_due)
-        log.rotate(1, Snapshot(t_ns=1))
+        log.rotate(1, 1, Snapshot())
         await until(lambda: first in log.closed_files())
     assert [sequences(path) for path in log.closed_files()] == [[0], [1]]
     assert f"{first.name}: recovered" in said(log.closed_files())
@@ -122,12 +123,12 @@ async def test_a_file_that_the_disk_would_not_sync_is_given_up(settings, run, cl
 
 async def test_a_file_that_cannot_be_closed_is_mended_and_told(settings, run, clock, refusing):
     async with McapLog(settings(rotate_s=1e-6), run, clock) as log:
-        log.rotate(0, Snapshot(t_ns=0))
+        log.rotate(0, 0, Snapshot())
         await log.settled()
         first = log.current_file
         refusing("fsync")
         await until(log.rotate_due)
-        log.rotate(1, Snapshot(t_ns=1))
+        log.rotate(1, 1, Snapshot())
         await until(lambda: first in log.closed_files())
     assert [sequences(path) for path in log.closed_files()] == [[0], [1]]
     told = said(log.closed_files())
@@ -139,13 +140,13 @@ async def test_old_files_go_when_they_are_old(settings, run, clock, snapshot):
     made = settings(keep_days=1.0)
     for _ in range(4):
         async with McapLog(made, run, clock) as log:
-            log.rotate(0, snapshot)
+            log.rotate(0, START_NS, snapshot)
     for path, hours in zip(log.closed_files(), (48, 25, 13, 1), strict=True):
         then_s = clock.now_ns() / 1e9 - hours * 3600
         os.utime(path, (then_s, then_s))
     oldest, old, *young = log.closed_files()
     async with McapLog(made, run, clock) as log:
-        log.rotate(0, snapshot)
+        log.rotate(0, START_NS, snapshot)
         assert not oldest.exists()
         assert not old.exists()
         assert all(path.exists() for path in young)
@@ -157,13 +158,13 @@ async def test_a_clock_far_ahead_deletes_nothing_by_age_and_says_so(settings, ru
     made = settings(keep_days=30.0)
     for _ in range(3):
         async with McapLog(made, run, clock) as log:
-            log.rotate(0, snapshot)
+            log.rotate(0, START_NS, snapshot)
     before = log.closed_files()
     for number, path in enumerate(before):
         then_s = clock.now_ns() / 1e9 - 40 * 86_400 + number
         os.utime(path, (then_s, then_s))
     async with McapLog(made, run, clock) as log:
-        log.rotate(0, snapshot)
+        log.rotate(0, START_NS, snapshot)
     assert all(path.exists() for path in before)
     assert "the clock is 40.0 days after the newest file of the log" in said(log.closed_files())
 
@@ -173,7 +174,7 @@ async def test_the_oldest_make_room_before_pictures_stop(settings, run, clock, s
     made = settings(min_free_bytes=100 << 20)
     for _ in range(4):
         async with McapLog(made, run, clock) as log:
-            log.rotate(0, snapshot)
+            log.rotate(0, START_NS, snapshot)
     for number, path in enumerate(log.closed_files()):
         path.rename(path.with_name(f"yard-20200101T00000{number}Z-000.mcap"))
     before = log.closed_files()
@@ -198,7 +199,7 @@ async def test_files_that_cannot_be_deleted_are_told(settings, run, clock, snaps
         monkeypatch.setattr(Path, "unlink", refuse)
         for part in range(3):
             await until(log.rotate_due)
-            log.rotate(part, snapshot)
+            log.rotate(part, START_NS, snapshot)
             log.picture(FISHEYE_IMAGE, picture(part, size=600_000))
         await until(lambda: log.rotate_due() and log.stats().messages > 6)
     monkeypatch.undo()
@@ -214,9 +215,9 @@ async def test_a_defect_in_a_thread_of_the_log_is_heard_by_who_waits_and_who_wri
 
     async with McapLog(settings(), run, clock) as log:
         monkeypatch.setattr(retention, "closed_files", defect)
-        log.rotate(0, snapshot)
+        log.rotate(0, START_NS, snapshot)
         with pytest.raises(LogError, match="writer has ended"):
             await settled_again_and_again(log)
         with pytest.raises(LogError, match="writer has ended"):
-            log.event(1, DeadlinePassed(t_ns=1))
+            log.event(1, 1, DeadlinePassed())
         assert log.stats().degraded == "the writer has ended"

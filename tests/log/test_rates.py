@@ -23,7 +23,7 @@ async def test_writing_and_reading_are_far_above_what_cameras_send(settings, run
     async with log:
         for seq, item in enumerate(pictures):
             log.picture(FISHEYE_IMAGE, item)
-            log.event(seq, DeadlinePassed(t_ns=item.t_arrival_ns))
+            log.event(seq, item.t_arrival_ns, DeadlinePassed())
         queued = time.perf_counter() - begin
         await log.settled()
         written, written_cpu = time.perf_counter() - begin, time.process_time() - begin_cpu

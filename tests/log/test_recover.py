@@ -39,7 +39,7 @@ def write(path, chunks=4, per_chunk=5):
         frame = FrameRef(seq=number, t_capture_ns=t_ns)
         image = CompressedImage(t_ns=t_ns, frame_id="fisheye", data=os.urandom(300), format="jpeg")
         file.add(FISHEYE_IMAGE, t_ns + 1, t_ns, number, encode_image(image))
-        name, body = encode(FrameArrived(t_ns=t_ns, frame=frame))
+        name, body = encode(FrameArrived(frame=frame))
         document = f'{{"sequence":{number},"t_ns":{t_ns},"name":"{name}","body":{_quoted(body)}}}'
         file.add(EVENT, t_ns, t_ns, number, document.encode())
         if number % per_chunk == per_chunk - 1:

@@ -13,6 +13,7 @@ from ptzd.log.reader import LoggedCommand, LoggedEvent, LogReader
 from ptzd.log.topics import FISHEYE_IMAGE, IMAGES, PTZ_IMAGE
 from ptzd.log.writer import McapLog
 from ptzd.model import Box, FrameRef, HeadReading, Matcher, ViewRef
+from tests.log.conftest import START_NS
 
 READING = HeadReading(pan_deg=1.25, tilt_deg=-3.5, zoom=1.0)
 PATIENCE_S = 100.0
@@ -38,17 +39,17 @@ async def until(condition):
 async def test_decisions_and_pictures_come_back(settings, run, clock, picture, frames, snapshot):
     move = MoveHead(move_id=3, target=READING)
     async with McapLog(settings(), run, clock) as log:
-        log.rotate(0, snapshot)
+        log.rotate(0, START_NS, snapshot)
         log.picture(FISHEYE_IMAGE, picture(0))
-        arrived = next(frames)
-        log.event(1, arrived)
-        log.command(1, arrived.t_ns, move)
+        t_ns, arrived = next(frames)
+        log.event(1, t_ns, arrived)
+        log.command(1, t_ns, move)
         log.picture(PTZ_IMAGE, picture(4))
         path = log.current_file
     assert decisions(path) == [
-        LoggedEvent(sequence=0, event=snapshot),
-        LoggedEvent(sequence=1, event=arrived),
-        LoggedCommand(sequence=1, t_ns=arrived.t_ns, command=move),
+        LoggedEvent(sequence=0, t_ns=START_NS, event=snapshot),
+        LoggedEvent(sequence=1, t_ns=t_ns, event=arrived),
+        LoggedCommand(sequence=1, t_ns=t_ns, command=move),
     ]
     with LogReader(path) as reader:
         assert reader.run == run
@@ -74,10 +75,10 @@ async def test_times_are_those_of_decision_and_capture(settings, run, clock, pic
 
 async def test_the_usual_reader_opens_a_closed_file(settings, run, clock, picture, frames, snapshot):
     async with McapLog(settings(), run, clock) as log:
-        log.rotate(0, snapshot)
+        log.rotate(0, START_NS, snapshot)
         for seq in range(20):
             log.picture(FISHEYE_IMAGE, picture(seq, size=200_000))
-            log.event(seq + 1, next(frames))
+            log.event(seq + 1, *next(frames))
         path = log.current_file
     with path.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
@@ -93,8 +94,8 @@ async def test_the_usual_reader_opens_a_closed_file(settings, run, clock, pictur
 
 async def test_slow_records_are_readable_before_the_file_ends(settings, run, clock, frames, snapshot):
     async with McapLog(settings(), run, clock) as log:
-        log.rotate(0, snapshot)
-        log.event(1, next(frames))
+        log.rotate(0, START_NS, snapshot)
+        log.event(1, *next(frames))
         active = log.current_file.with_name(log.current_file.name + ".active")
 
         def readable():
@@ -112,13 +113,13 @@ async def test_a_cut_lies_between_two_sequence_numbers(settings, run, clock, pic
         for part in range(3):
             async with asyncio.timeout(PATIENCE_S):
                 await until(log.rotate_due)
-            log.rotate(sequence, Snapshot(t_ns=snapshot.t_ns + sequence, state={"part": part}))
+            log.rotate(sequence, START_NS + sequence, Snapshot(state={"part": part}))
             assert not log.rotate_due()
             for _ in range(5):
                 sequence += 1
                 log.picture(FISHEYE_IMAGE, picture(sequence))
-                log.event(sequence, next(frames))
-                log.command(sequence, snapshot.t_ns, StopHead())
+                log.event(sequence, *next(frames))
+                log.command(sequence, START_NS, StopHead())
     files = log.closed_files()
     assert [path.name[-8:] for path in files] == ["000.mcap", "001.mcap", "002.mcap"]
     for part, path in enumerate(files):
@@ -133,7 +134,7 @@ async def test_a_cut_lies_between_two_sequence_numbers(settings, run, clock, pic
 async def test_a_first_file_waits_for_its_snapshot(settings, run, clock, frames, snapshot):
     async with McapLog(settings(), run, clock) as log:
         assert log.rotate_due()
-        log.rotate(0, snapshot)
+        log.rotate(0, START_NS, snapshot)
         async with asyncio.timeout(PATIENCE_S):
             await until(lambda: log.stats().messages == 1)
         assert not log.rotate_due()
@@ -142,7 +143,7 @@ async def test_a_first_file_waits_for_its_snapshot(settings, run, clock, frames,
 
 async def test_a_file_is_due_when_it_is_large(settings, run, clock, picture, snapshot):
     async with McapLog(settings(rotate_bytes=1_000_000), run, clock) as log:
-        log.rotate(0, snapshot)
+        log.rotate(0, START_NS, snapshot)
         async with asyncio.timeout(PATIENCE_S):
             for seq in range(6):
                 assert not log.rotate_due() or seq in {0, 5}
@@ -180,7 +181,7 @@ async def test_a_view_that_found_no_room_in_the_queue_is_written_late(settings, 
             seq += 1
         lost = picture(seq - 1)
         view = ViewRef(frame=lost.frame, reading=READING, sigma_deg=0.1)
-        log.event(1, ViewTaken(t_ns=clock.now_ns(), grab_id=1, view=view))
+        log.event(1, clock.now_ns(), ViewTaken(grab_id=1, view=view))
         path = log.current_file
     assert (PTZ_IMAGE, lost.frame.seq) in pictures(path)
 
@@ -188,7 +189,7 @@ async def test_a_view_that_found_no_room_in_the_queue_is_written_late(settings, 
 async def test_decisions_are_never_dropped(settings, run, clock, picture, frames):
     async with McapLog(settings(queue_frames=1), run, clock) as log:
         for seq in range(400):
-            log.event(seq, next(frames))
+            log.event(seq, *next(frames))
             log.picture(FISHEYE_IMAGE, picture(seq, size=30_000))
         path = log.current_file
     stats = log.stats()
@@ -239,7 +240,7 @@ async def test_a_directory_that_cannot_be_used(settings, run, clock, tmp_path):
 async def test_two_files_of_one_second_do_not_meet(settings, run, clock, frames):
     for _ in range(2):
         async with McapLog(settings(), run, clock) as log:
-            log.event(0, next(frames))
+            log.event(0, *next(frames))
     names = [path.name for path in log.closed_files()]
     assert len(names) == len(set(names)) == 2
 
@@ -252,7 +253,7 @@ async def test_old_files_go(settings, run, clock, picture, snapshot):
         for part in range(5):
             async with asyncio.timeout(PATIENCE_S):
                 await until(log.rotate_due)
-            log.rotate(part, snapshot)
+            log.rotate(part, START_NS, snapshot)
             log.picture(PTZ_IMAGE, picture(part, size=600_000))
     names = [path.name[-8:-5] for path in log.closed_files()]
     assert names[-1] == "004"
@@ -266,7 +267,7 @@ async def test_the_writer_says_when_it_has_ended(settings, run, clock, frames):
         pass
     assert log.stats().degraded == "the writer has ended"
     with pytest.raises(LogError, match="writer has ended"):
-        log.event(1, next(frames))
+        log.event(1, *next(frames))
 
 
 def test_frames_are_named_by_number_and_time(picture):
@@ -291,27 +292,27 @@ def run_match(picture, number, view):
 
 async def test_a_file_that_begins_in_the_middle_of_a_request_has_its_pictures(settings, run, clock, picture, snapshot):
     """The frame while the request lasts, a view while its match is under way, one that is used later at once."""
-    views = [picture(seq, t_ns=snapshot.t_ns + seq) for seq in (70, 71)]
+    views = [picture(seq, t_ns=START_NS + seq) for seq in (70, 71)]
     async with McapLog(settings(rotate_s=1e-6), run, clock) as log:
         sequence = 0
 
         async def cut():
             async with asyncio.timeout(PATIENCE_S):
                 await until(log.rotate_due)
-            log.rotate(sequence, snapshot)
+            log.rotate(sequence, START_NS, snapshot)
 
         await cut()
         log.picture(FISHEYE_IMAGE, picture(1))
-        log.command(1, snapshot.t_ns, PinFrame(request_id="a", frame=picture(1).frame))
+        log.command(1, START_NS, PinFrame(request_id="a", frame=picture(1).frame))
         log.picture(PTZ_IMAGE, views[0])
-        log.command(2, snapshot.t_ns, run_match(picture, 1, views[0]))
+        log.command(2, START_NS, run_match(picture, 1, views[0]))
         await cut()
-        log.event(3, MatchFailed(t_ns=snapshot.t_ns, match_id=1, reason="none"))
+        log.event(3, START_NS, MatchFailed(match_id=1, reason="none"))
         log.picture(PTZ_IMAGE, views[1])
         await cut()
-        log.command(4, snapshot.t_ns, run_match(picture, 2, views[1]))
-        log.command(5, snapshot.t_ns, ReleaseFrames(request_id="a"))
-        log.event(6, MatchFailed(t_ns=snapshot.t_ns, match_id=2, reason="none"))
+        log.command(4, START_NS, run_match(picture, 2, views[1]))
+        log.command(5, START_NS, ReleaseFrames(request_id="a"))
+        log.event(6, START_NS, MatchFailed(match_id=2, reason="none"))
         await cut()
     assert [sorted(seq for _, seq in pictures(path)) for path in log.closed_files()] == [
         [1, 70],
@@ -327,11 +328,11 @@ async def test_one_cut_at_a_time(settings, run, clock, picture, frames):
     async with McapLog(settings(rotate_bytes=full_bytes), run, clock) as log:
         while rotations < 8:
             if log.rotate_due():
-                log.rotate(sequence, Snapshot(t_ns=sequence))
+                log.rotate(sequence, sequence, Snapshot())
                 rotations += 1
             else:
                 log.picture(FISHEYE_IMAGE, picture(sequence, size=20_000))
-                log.event(sequence, next(frames))
+                log.event(sequence, *next(frames))
             sequence += 1
             if log.stats().waiting > 50:
                 await log.settled()

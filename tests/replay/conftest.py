@@ -29,7 +29,7 @@ from ptzd.ports import Picture
 CONTROL = Path(__file__).parents[1] / "control" / "conftest.py"
 CALIBRATION = Path(__file__).parents[2] / "config" / "rig.example.yaml"
 
-Step = tuple[ev.Event, list[cmd.Command]]
+Step = tuple[int, ev.Event, list[cmd.Command]]
 Falsify = Callable[[list[Step]], list[Step]]
 
 
@@ -84,11 +84,12 @@ def steps(virtual: ModuleType, rig: Rig, config: Config) -> list[Step]:
     world.frame(2)
     world.request("urgent", token=4, priority=5, hold_s=50.0)
     world.run(1.0)
-    world.tell(ev.DeviceLost(t_ns=world.t_ns, device=ev.Device.FISHEYE, reason="unplugged"))
-    world.tell(ev.DeviceWell(t_ns=world.t_ns, device=ev.Device.FISHEYE))
+    world.tell(ev.DeviceLost(device=ev.Device.FISHEYE, reason="unplugged"))
+    world.tell(ev.DeviceWell(device=ev.Device.FISHEYE))
     world.run(30.0)
     machine = Machine(rig, config)
-    return [(event, machine.handle(event)) for event in world.told]
+    told = zip(world.told_ns, world.told, strict=True)
+    return [(t_ns, event, machine.handle(event, t_ns)) for t_ns, event in told]
 
 
 @pytest.fixture
@@ -109,15 +110,15 @@ def record(
         directory = tmp_path / folder
         settings = LogSettings(directory=str(directory), min_free_bytes=0)
         async with McapLog(settings, run, Clock()) as log:
-            log.rotate(1, Machine(rig, config).snapshot(steps[0][0].t_ns))
-            for number, (event, commands) in enumerate(falsify(list(steps)), 2):
+            log.rotate(1, steps[0][0], Machine(rig, config).snapshot())
+            for number, (t_ns, event, commands) in enumerate(falsify(list(steps)), 2):
                 if isinstance(event, ev.FrameArrived):
                     log.picture("/fisheye/image", picture(event.frame))
                 if isinstance(event, ev.ViewTaken):
                     log.picture("/ptz/image", picture(event.view.frame))
-                log.event(number, event)
+                log.event(number, t_ns, event)
                 for command in commands:
-                    log.command(number, event.t_ns, command)
+                    log.command(number, t_ns, command)
         (path,) = directory.glob("*.mcap")
         return path
 

@@ -15,14 +15,14 @@ from ptzd.cli import entry
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
 
-Step = tuple[ev.Event, list[cmd.Command]]
+Step = tuple[int, ev.Event, list[cmd.Command]]
 
 
 def first(steps: list[Step], kind: type[cmd.Command]) -> tuple[int, int]:
     """Where the first command of a kind stands."""
     return next(
         (number, index)
-        for number, (_, commands) in enumerate(steps)
+        for number, (_, _, commands) in enumerate(steps)
         for index, command in enumerate(commands)
         if isinstance(command, kind)
     )
@@ -33,31 +33,31 @@ def changed(kind: type[cmd.Command], **fields: object) -> Callable[[list[Step]],
 
     def falsify(steps: list[Step]) -> list[Step]:
         number, index = first(steps, kind)
-        event, commands = steps[number]
+        t_ns, event, commands = steps[number]
         commands = [*commands[:index], replace(commands[index], **fields), *commands[index + 1 :]]
-        return [*steps[:number], (event, commands), *steps[number + 1 :]]
+        return [*steps[:number], (t_ns, event, commands), *steps[number + 1 :]]
 
     return falsify
 
 
 def without_command(steps: list[Step]) -> list[Step]:
     number, index = first(steps, cmd.MoveHead)
-    event, commands = steps[number]
-    return [*steps[:number], (event, commands[:index] + commands[index + 1 :]), *steps[number + 1 :]]
+    t_ns, event, commands = steps[number]
+    return [*steps[:number], (t_ns, event, commands[:index] + commands[index + 1 :]), *steps[number + 1 :]]
 
 
 def without_event(steps: list[Step]) -> list[Step]:
-    number = next(n for n, (event, _) in enumerate(steps) if isinstance(event, ev.HeadArrived))
+    number = next(n for n, (_, event, _) in enumerate(steps) if isinstance(event, ev.HeadArrived))
     return steps[:number] + steps[number + 1 :]
 
 
 def other_match(steps: list[Step]) -> list[Step]:
     """The matcher is said to have found something else than what the decisions rest on."""
-    number = next(n for n, (event, _) in enumerate(steps) if isinstance(event, ev.MatchFinished))
-    event, commands = steps[number]
+    number = next(n for n, (_, event, _) in enumerate(steps) if isinstance(event, ev.MatchFinished))
+    t_ns, event, commands = steps[number]
     return [
         *steps[:number],
-        (replace(event, result=replace(event.result, candidates=())), commands),
+        (t_ns, replace(event, result=replace(event.result, candidates=())), commands),
         *steps[number + 1 :],
     ]
 
@@ -71,7 +71,7 @@ async def test_a_true_log_has_no_difference(record, steps, capsys) -> None:
     assert report["same"]
     assert report["differences"] == []
     assert report["events"] == len(steps)
-    assert report["commands"] == sum(len(commands) for _, commands in steps)
+    assert report["commands"] == sum(len(commands) for _, _, commands in steps)
 
 
 @pytest.mark.parametrize(
@@ -99,7 +99,7 @@ async def test_a_golden_log_that_must_fail_does(record, capsys, falsify, told: s
 
 async def test_a_difference_far_below_anything_visible_is_a_difference(record, steps, capsys) -> None:
     number, index = first(steps, cmd.MoveHead)
-    target = steps[number][1][index].target
+    target = steps[number][2][index].target
     log = await record(changed(cmd.MoveHead, target=replace(target, pan_deg=target.pan_deg + 1e-12)))
     assert entry(["replay", str(log)]) == 1
     assert "pan_deg" in capsys.readouterr().out

@@ -11,6 +11,7 @@ import yaml
 
 from ptzd.app.replaying import replay
 from ptzd.cli import entry
+from ptzd.control.events import Device, DeviceWell
 from ptzd.errors import LogError
 from ptzd.log import codec, migrations
 from ptzd.log.file import McapFile
@@ -127,9 +128,9 @@ def test_what_is_not_as_its_version_has_it_is_named() -> None:
 
 
 @pytest.mark.usefixtures("present")
-@pytest.mark.parametrize("version", [0, 4, -1])
+@pytest.mark.parametrize("version", [0, 5, -1])
 def test_a_version_that_never_was_or_is_to_come_is_refused(version: int) -> None:
-    with pytest.raises(LogError, match=f"schema version {version} is not one of 1 to 3"):
+    with pytest.raises(LogError, match=f"schema version {version} is not one of 1 to 4"):
         list(steps_from(version))
     with pytest.raises(LogError, match=f"HeadPolled: schema version {version}"):
         codec.decode_event("HeadPolled", "{}", version)
@@ -146,6 +147,12 @@ def test_steps_follow_each_other(monkeypatch) -> None:
     assert settings_now({"way": []}, 2) == {"way": [2]}
     assert settings_now({}, 3) == {}
     assert settings_now(None, 1) is None
+
+
+def test_when_an_event_was_told_stands_beside_it_since_version_3() -> None:
+    assert codec.decode_event("DeviceWell", '{"t_ns": 4, "device": "ptz"}', 2) == DeviceWell(device=Device.PTZ)
+    with pytest.raises(LogError, match="unknown field 't_ns'"):
+        codec.decode_event("DeviceWell", '{"t_ns": 4, "device": "ptz"}', 3)
 
 
 def test_every_version_up_to_this_one_has_its_step() -> None:

@@ -47,14 +47,16 @@ class Log:
         self.documents: list[tuple[str, dict[str, object]]] = []
         self.cuts: list[tuple[int, ev.Snapshot]] = []
         self.sequences: list[int] = []
+        self.stamps: list[int] = []
         self.due = False
 
-    def event(self, sequence: int, event: ev.Event) -> None:
+    def event(self, sequence: int, t_ns: int, event: ev.Event) -> None:
         self.story.append(("event", event))
         self.sequences.append(sequence)
+        self.stamps.append(t_ns)
 
     def command(self, sequence: int, t_ns: int, command: cmd.Command) -> None:
-        assert sequence == self.sequences[-1]
+        assert (sequence, t_ns) == (self.sequences[-1], self.stamps[-1])
         self.story.append(("command", command))
 
     def picture(self, topic: str, picture: Picture) -> None:
@@ -63,7 +65,7 @@ class Log:
     def rotate_due(self) -> bool:
         return self.due
 
-    def rotate(self, sequence: int, snapshot: ev.Snapshot) -> None:
+    def rotate(self, sequence: int, t_ns: int, snapshot: ev.Snapshot) -> None:
         self.due = False
         self.cuts.append((sequence, snapshot))
         self.story.append(("cut", snapshot))

@@ -118,7 +118,7 @@ async def test_the_end_gives_results_stops_the_head_and_finishes(running, well, 
     await well()
     head.gate.clear()
     box = Box(x=330, y=230, w=40, h=32)
-    bus.incoming.put_nowait(ev.RequestReceived(t_ns=0, token=1, id="a", box=box))
+    bus.incoming.put_nowait(ev.RequestReceived(token=1, id="a", box=box))
     await settled()
     assert running.state is State.SCAN
     await running.end()
@@ -147,7 +147,7 @@ async def test_a_broken_bus_ends_the_daemon_in_order(running, well, bus, head, l
 async def test_a_defect_in_a_hand_ends_the_daemon_in_order(running, well, bus, head, settled) -> None:
     await well()
     head.error = ZeroDivisionError("somebody divided")
-    bus.incoming.put_nowait(ev.RequestReceived(t_ns=0, token=1, id="a", box=Box(x=330, y=230, w=40, h=32)))
+    bus.incoming.put_nowait(ev.RequestReceived(token=1, id="a", box=Box(x=330, y=230, w=40, h=32)))
     with pytest.raises(ZeroDivisionError):
         await running.task
     assert running.state is State.STOPPED

@@ -15,38 +15,36 @@ def lines(caplog: pytest.LogCaptureFixture):
     caplog.set_level(logging.DEBUG, logger="ptzd")
     narrator = Narrator()
 
-    def tell(event: ev.Event, *commands: cmd.Command) -> list[tuple[int, str]]:
+    def tell(event: ev.Event, *commands: cmd.Command, t_ns: int = 1) -> list[tuple[int, str]]:
         caplog.clear()
-        narrator.seen(1, event, list(commands))
+        narrator.seen(t_ns, event, list(commands))
         return [(record.levelno, record.getMessage()) for record in caplog.records]
 
     return tell
 
 
-QUIET = ev.HeadStopped(t_ns=1)
+QUIET = ev.HeadStopped()
 
 
 def test_a_loss_is_an_error_and_a_recovery_is_news(lines) -> None:
-    assert lines(ev.DeviceLost(t_ns=1, device=ev.Device.PTZ, reason="no answer")) == [
-        (logging.ERROR, "ptz lost: no answer")
-    ]
-    assert lines(ev.DeviceWell(t_ns=1, device=ev.Device.PTZ)) == [(logging.INFO, "ptz is well")]
+    assert lines(ev.DeviceLost(device=ev.Device.PTZ, reason="no answer")) == [(logging.ERROR, "ptz lost: no answer")]
+    assert lines(ev.DeviceWell(device=ev.Device.PTZ)) == [(logging.INFO, "ptz is well")]
 
 
 def test_a_failed_match_is_a_warning_with_its_reason(lines) -> None:
-    failed = ev.MatchFailed(t_ns=1, match_id=4, reason="sweep failed on box 1,2,30,40")
+    failed = ev.MatchFailed(match_id=4, reason="sweep failed on box 1,2,30,40")
     assert lines(failed) == [(logging.WARNING, "match 4 failed: sweep failed on box 1,2,30,40")]
 
 
 def test_foreign_motion_is_a_warning(lines) -> None:
     reading = HeadReading(pan_deg=0, tilt_deg=0, zoom=1)
-    assert lines(ev.ForeignMotion(t_ns=1, reading=reading)) == [(logging.WARNING, "somebody else moves the camera")]
+    assert lines(ev.ForeignMotion(reading=reading)) == [(logging.WARNING, "somebody else moves the camera")]
 
 
 def test_a_foreign_motion_that_goes_on_is_told_once_and_the_next_one_again(lines) -> None:
     def moved(t_s: float) -> list[tuple[int, str]]:
         reading = HeadReading(pan_deg=t_s, tilt_deg=0, zoom=1)
-        return lines(ev.ForeignMotion(t_ns=round(t_s * 1e9), reading=reading))
+        return lines(ev.ForeignMotion(reading=reading), t_ns=round(t_s * 1e9))
 
     assert [len(moved(k / 10)) for k in range(600)] == [1] + [0] * 599
     assert len(moved(59.9 + 4.9)) == 0
@@ -55,7 +53,7 @@ def test_a_foreign_motion_that_goes_on_is_told_once_and_the_next_one_again(lines
 
 def test_positions_and_frames_are_no_news(lines) -> None:
     assert lines(QUIET) == []
-    assert lines(ev.FrameArrived(t_ns=1, frame=FrameRef(seq=1, t_capture_ns=1))) == []
+    assert lines(ev.FrameArrived(frame=FrameRef(seq=1, t_capture_ns=1))) == []
 
 
 @pytest.mark.parametrize(("outcome", "level"), [(Outcome.LOCKED, logging.INFO), (Outcome.LOST, logging.WARNING)])
@@ -76,11 +74,11 @@ def test_a_state_is_told_when_it_changes(lines) -> None:
 
 def test_a_stop_that_a_lost_camera_leaves_unconfirmed_is_told_in_the_middle_of_a_flood(lines) -> None:
     for k in range(1000):
-        lines(refused_put(k))
+        lines(REFUSED_PUT, t_ns=k)
     unconfirmed = cmd.ReplyRefused(
         token=4, code="device_lost", message="the stop is not confirmed: no answer", field="$"
     )
-    shown = lines(ev.DeviceLost(t_ns=1000, device=ev.Device.PTZ, reason="no answer"), unconfirmed)
+    shown = lines(ev.DeviceLost(device=ev.Device.PTZ, reason="no answer"), unconfirmed, t_ns=1000)
     assert (logging.WARNING, "refused: $: the stop is not confirmed: no answer (device_lost)") in shown
 
 
@@ -92,36 +90,35 @@ def test_refused_puts_that_name_an_id_are_told_once_each_and_a_flood_of_them_cou
         result = cmd.PublishResult(
             id=f"junk-{k}", outcome=outcome, reason="$.box: nowhere", label="", elapsed_ms=0, views=0
         )
-        event = ev.PayloadRefused(t_ns=k, token=None, code="invalid", message="nowhere", field="$.box", id=f"junk-{k}")
-        return lines(event, result)
+        event = ev.PayloadRefused(token=None, code="invalid", message="nowhere", field="$.box", id=f"junk-{k}")
+        return lines(event, result, t_ns=k)
 
     shown = [put(k) for k in range(1000)]
     assert shown[0] == [(logging.WARNING, f"refused: junk-0: $.box: nowhere ({outcome})")]
     assert sum(map(len, shown)) == 10
 
 
-def refused_put(t_ns: int) -> ev.PayloadRefused:
-    return ev.PayloadRefused(t_ns=t_ns, token=None, code="not_json", message="no JSON", field="$")
+REFUSED_PUT = ev.PayloadRefused(token=None, code="not_json", message="no JSON", field="$")
 
 
 def test_a_put_that_is_no_message_gets_a_line_and_a_flood_of_them_a_few_and_a_count(lines) -> None:
-    shown = [lines(refused_put(k)) for k in range(1000)]
+    shown = [lines(REFUSED_PUT, t_ns=k) for k in range(1000)]
     assert shown[0] == [(logging.WARNING, "refused: $: no JSON (not_json)")]
     assert sum(map(len, shown)) == 10
     later = 11_000_000_000
-    assert lines(ev.HeadStopped(t_ns=later)) == [(logging.WARNING, "refused: 990 more within 11 s, not shown")]
-    assert lines(ev.HeadStopped(t_ns=later + 1)) == []
-    assert len(lines(refused_put(later + 2))) == 1
+    assert lines(ev.HeadStopped(), t_ns=later) == [(logging.WARNING, "refused: 990 more within 11 s, not shown")]
+    assert lines(ev.HeadStopped(), t_ns=later + 1) == []
+    assert len(lines(REFUSED_PUT, t_ns=later + 2)) == 1
 
 
 def test_a_query_s_refusal_is_told_once(lines) -> None:
-    event = ev.PayloadRefused(t_ns=1, token=4, code="not_json", message="no JSON", field="$")
+    event = ev.PayloadRefused(token=4, code="not_json", message="no JSON", field="$")
     assert lines(event, cmd.ReplyRefused(token=4, code="not_json", message="no JSON", field="$")) == [
         (logging.WARNING, "refused: $: no JSON (not_json)")
     ]
 
 
-@pytest.mark.parametrize("event", [ev.CancelReceived(t_ns=1, token=None, id="a")])
+@pytest.mark.parametrize("event", [ev.CancelReceived(token=None, id="a")])
 def test_what_a_put_could_not_do_gets_a_line(lines, event) -> None:
     note = cmd.PublishFeedback(id="a", step="note", detail={"text": "cancel refused: $.id: no request a"})
     assert lines(event, note) == [(logging.WARNING, "refused: $: a: cancel refused: $.id: no request a (put)")]

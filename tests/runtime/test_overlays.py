@@ -32,7 +32,7 @@ def finished(*candidates: Candidate) -> ev.MatchFinished:
     result = MatchResult(
         matcher=Matcher.SWEEP, texture=5.0, candidates=candidates, coverage=(0.0, 1.0), seed=1, elapsed_ms=1.0
     )
-    return ev.MatchFinished(t_ns=1, match_id=3, result=result)
+    return ev.MatchFinished(match_id=3, result=result)
 
 
 def test_the_box_is_drawn_where_it_was_found(jpeg) -> None:
@@ -55,7 +55,7 @@ async def test_an_overlay_is_offered_when_somebody_looks_and_something_was_found
         frames.add_view(view)
     bus.wanted = {"image/overlay"} if wanted else set()
     overlays = Overlays(rig=rig, bus=bus, frames=frames)
-    overlays.seen(1, ev.HeadStopped(t_ns=0), [run_match(view.frame)])
+    overlays.seen(1, ev.HeadStopped(), [run_match(view.frame)])
     overlays.seen(2, finished(*([candidate()] if found else [])), [])
     await overlays.close()
     assert len(bus.images) == (wanted and found and kept)

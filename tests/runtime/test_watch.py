@@ -37,7 +37,7 @@ async def fisheye_watch(fisheye, log, told):
     frames = FrameStore(8)
     shown: list[int] = []
     made = FisheyeWatch(
-        source=fisheye, tell=lambda make: told.append(make(7)), frames=frames, log=log, size_px=(640, 480),
+        source=fisheye, tell=told.append, frames=frames, log=log, size_px=(640, 480),
         shown=lambda picture: shown.append(picture.frame.seq),
     )  # fmt: skip
     made.frames_kept, made.shown_seqs = frames, shown
@@ -52,7 +52,7 @@ async def head_watch(head, log, told):
     polled: list[float] = []
     shown: list[int] = []
     made = HeadWatch(
-        head=head, tell=lambda make: told.append(make(7)), log=log,
+        head=head, tell=told.append, log=log,
         polled=lambda poll: polled.append(poll.reading.pan_deg),
         shown=lambda picture, reading, motion: shown.append(picture.frame.seq),
     )  # fmt: skip
