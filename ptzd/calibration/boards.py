@@ -262,21 +262,3 @@ def _bundle(pairs: Sequence[BoardPair], guess: _Guess) -> tuple[Solution, list[A
     solution = solve(bundle, start, np.stack(poses))
     parts = np.split(solution.residuals, cuts[1:-1])
     return solution, parts[0::2], parts[1::2]
-
-
-def plane_pairs(pair: BoardPair) -> tuple[Array, Array]:
-    """Rays P_f and P_h ``(n, 3)`` of the points of a board that both cameras found, for `ptzd.calibration.pairs`."""
-    place = {tuple(np.round(point, 9)): i for i, point in enumerate(pair.ptz.view.points_m)}
-    both = [
-        (i, place[key]) for i, p in enumerate(pair.fisheye.view.points_m) if (key := tuple(np.round(p, 9))) in place
-    ]
-    first, second = np.array(both, np.int64).reshape(-1, 2).T
-    rays_f, valid_f = pair.fisheye.camera.lift(pair.fisheye.view.pixels[first])
-    rays_c, valid_c = pair.ptz.camera.lift(pair.ptz.view.pixels[second])
-    good = valid_f & valid_c
-    return rays_f[good], rays_c[good] @ pair.ptz.head_from_camera.T
-
-
-def rotation_difference_rad(one: Array, other: Array) -> float:
-    """Angle of the rotation between two rotations, rad."""
-    return float(np.linalg.norm(rotvec_from_rotation(one @ other.T)))

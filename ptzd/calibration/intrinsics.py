@@ -57,7 +57,6 @@ class LensFit:
     """Per view, found minus predicted, px."""
     verdicts: tuple[ViewVerdict, ...]
     rms_px: float
-    sigma_px: float
     max_angle_rad: float
     """Farthest point off the axis that took part, rad."""
 
@@ -289,7 +288,6 @@ def _fit(
         residuals=tuple(-part for part in parts),
         verdicts=(*used, *outliers),
         rms_px=rms(solution.residuals),
-        sigma_px=solution.sigma,
         max_angle_rad=float(angle_between(rays, np.array([0.0, 0.0, 1.0])).max()),
     )
 

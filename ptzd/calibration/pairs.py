@@ -1,132 +1,17 @@
-"""Two cameras on their spheres: plane homography, essential matrix, geodesic refinement (paper, section 4.2).
+"""Two cameras on their spheres: essential matrix and geodesic refinement (paper, section 4.2).
 
 ``X_h = R X_f + T``; pairs are unit rays P_f of the fisheye and P_h of the head's frame, ``(n, 3)`` each.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from ptzd.calibration.bundle import Problem, Solution, rotations, solve, turned
-from ptzd.errors import CalibrationError
 from ptzd.geometry.sphere import normalise, rotvec_from_rotation
 from ptzd.geometry.types import Array
-
-DECIDED = 4.0
-"""A motion counts as the one when the next carries the pairs so many times worse."""
-MIN_SHIFT = 1e-4
-"""|T|/d of a homography below which the cameras count as standing at one place."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Motion:
-    """One decomposition of a homography."""
-
-    rotation: Array
-    shift: Array
-    """T / d ``(3,)``: T in units of the plane's distance from the fisheye."""
-    normal: Array
-    """Unit normal of the plane in the fisheye's frame, towards the plane."""
-
-
-def sphere_homography(rays_f: Array, rays_h: Array) -> Array:
-    """Return H ``(3, 3)`` with ``P_h ∝ H P_f``, its middle singular value 1.
-
-    The inverse direction of the paper's eq. 5; linear from ``P_h × H P_f = 0``, n >= 4 rays of a plane, at any
-    angle off the axis.
-
-    Raises
-    ------
-    CalibrationError
-        When the rays do not determine it.
-    """
-    if len(rays_f) < 4:
-        raise CalibrationError(f"plane: {len(rays_f)} pairs; at least 4, better 20, are needed")
-    x, y, z = rays_h[:, :1], rays_h[:, 1:2], rays_h[:, 2:]
-    zero = np.zeros_like(rays_f)
-    rows = np.concatenate(
-        [
-            np.concatenate([zero, -z * rays_f, y * rays_f], axis=1),
-            np.concatenate([z * rays_f, zero, -x * rays_f], axis=1),
-            np.concatenate([-y * rays_f, x * rays_f, zero], axis=1),
-        ]
-    )
-    singular, vectors = np.linalg.svd(rows, full_matrices=False)[1:]
-    if singular[7] < 1e-9 * singular[0]:
-        raise CalibrationError("plane: its points lie on one line; take points spread over the plane")
-    matrix = vectors[8].reshape(3, 3)
-    matrix = matrix / np.linalg.svd(matrix, compute_uv=False)[1]
-    sign = np.sign((rays_h * (rays_f @ matrix.T)).sum())
-    return np.asarray(matrix * sign)
-
-
-def decompose(matrix: Array, rays_f: Array) -> tuple[Motion, ...]:
-    """Return the motions ``H = R + (T/d) nᵀ`` that keep the plane before the fisheye along all rays: two, or one.
-
-    Through the eigenvectors of HᵀH (Ma, Soatto, Košecká & Sastry 2004, section 5.3).
-
-    Raises
-    ------
-    CalibrationError
-        When no parallax is seen: the cameras' distance is too small against the plane's.
-    """
-    values, vectors = np.linalg.eigh(matrix.T @ matrix)
-    third, first = values[0], values[2]
-    if first - third < MIN_SHIFT:
-        raise CalibrationError("plane: it shows no parallax; take a plane nearer to the cameras")
-    v1, v2, v3 = vectors[:, 2], vectors[:, 1], vectors[:, 0]
-    v2 = v2 * np.sign(np.linalg.det(np.column_stack([v1, v2, v3])))
-    low, high = np.sqrt(max(1 - third, 0.0)), np.sqrt(max(first - 1, 0.0))
-    found = []
-    for sign in (1.0, -1.0):
-        u = (low * v1 + sign * high * v3) / np.sqrt(first - third)
-        normal = np.cross(v2, u)
-        one = np.column_stack([v2, u, normal])
-        image = np.column_stack([matrix @ v2, matrix @ u, np.cross(matrix @ v2, matrix @ u)])
-        rotation = image @ one.T
-        if (rays_f @ normal).sum() < 0.0:
-            normal = -normal
-        if (rays_f @ normal > 0.0).mean() > 0.99:
-            found.append(Motion(rotation=rotation, shift=(matrix - rotation) @ normal, normal=normal))
-    if not found:
-        raise CalibrationError("plane: no motion keeps it before both cameras; check the pairs")
-    return tuple(found)
-
-
-def join_planes(planes: list[tuple[Array, Array]]) -> tuple[Array, Array]:
-    """Return R ``(3, 3)`` and the direction of T ``(3,)`` from the pairs of one plane or several.
-
-    Of each plane's motions the one is kept whose epipolar circles carry the pairs of the other planes; a single plane
-    keeps two motions and is refused.
-
-    Raises
-    ------
-    CalibrationError
-        When a single plane, or parallel ones, leave the choice open.
-    """
-    options = [motion for rays in planes for motion in decompose(sphere_homography(*rays), rays[0])]
-    rays_f = np.concatenate([rays[0] for rays in planes])
-    rays_h = np.concatenate([rays[1] for rays in planes])
-    costs = []
-    for option in options:
-        off = geodesic(option.rotation, normalise(option.shift), rays_f, rays_h)
-        costs.append(float(np.median(np.abs(off))))
-    best = int(np.argmin(costs))
-    other = min(
-        (cost for cost, option in zip(costs, options, strict=True) if _apart(option, options[best])),
-        default=np.inf,
-    )
-    if other < DECIDED * costs[best] + 1e-9:
-        raise CalibrationError(
-            "plane: two motions explain it equally well; add a second plane that is not parallel to the first"
-        )
-    return options[best].rotation, np.asarray(normalise(options[best].shift))
-
-
-def _apart(one: Motion, other: Motion) -> bool:
-    return bool(np.linalg.norm(one.rotation - other.rotation) > 0.02)
 
 
 def geodesic(rotation: Array, translation: Array, rays_f: Array, rays_h: Array) -> Array:

@@ -91,7 +91,6 @@ class TurningFit:
     matches: Matches
     residuals: Array
     """``(2 m, 2)``: first and second picture of every match."""
-    sigma_px: float
 
 
 def collect(pictures: Sequence[TurnedPicture], progress: Callable[[str], None] = lambda text: None) -> Matches:
@@ -350,5 +349,4 @@ def _result(solution: Solution, found: Matches, zooms: Array, level: Ints, signs
         counts=tuple(int((owner == index).sum()) for index in range(len(zooms))),
         matches=found,
         residuals=solution.residuals,
-        sigma_px=solution.sigma,
     )

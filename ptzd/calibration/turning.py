@@ -15,7 +15,6 @@ from ptzd.calibration.bundle import rotations
 from ptzd.geometry.head import Axis, HeadModel
 from ptzd.geometry.types import Array
 
-NAMES = ("pan_scale", "tilt_scale", "tilt_offset", "camera_y", "camera_z")
 NEUTRAL = np.array([1.0, 1.0, 0.0, 0.0, 0.0])
 PRIOR_SIGMA = np.array([0.003, 0.003, 0.5, 0.2, 0.5])
 """Encoders count true to a fraction of a percent; a camera sits on its axis to some degrees."""

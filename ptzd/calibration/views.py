@@ -18,7 +18,6 @@ class Status(StrEnum):
     NOT_FOUND = "not found"
     EDGE = "too close to the edge"
     OUTLIER = "outlier"
-    SIZE = "other resolution"
     UNREADABLE = "not a picture"
     MIRRORED = "mirrored"
 

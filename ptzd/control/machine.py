@@ -40,7 +40,7 @@ class Machine:
         self._memory = memory = memory or Memory()
         self._work = work = Work(rig=rig, config=config, head=memory.head)
         desk = Desk(memory=memory, work=work)
-        self._authority = authority = Authority(memory=memory, work=work, desk=desk)
+        authority = Authority(memory=memory, work=work, desk=desk)
         self._operator = operator = Operator(memory=memory, work=work, desk=desk, authority=authority)
         health = Health(memory=memory, work=work, authority=authority)
         reception = Reception(memory=memory, desk=desk, authority=authority)

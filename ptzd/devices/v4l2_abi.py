@@ -27,7 +27,6 @@ CTRL_TYPES_OF_ONE_INTEGER = frozenset({1, 2, 3, 8, 9})
 """Integer, boolean, menu, bit mask, integer menu: what a 32-bit value can set."""
 
 FRMSIZE_TYPE_DISCRETE = 1
-FRMIVAL_TYPE_DISCRETE = 1
 
 
 class Capability(ctypes.Structure):
@@ -279,8 +278,6 @@ class StreamType(ctypes.Structure):
     type: int
     _fields_ = (("type", ctypes.c_int32),)
 
-
-Argument = ctypes.Structure
 
 _WRITE, _READ = 1, 2
 

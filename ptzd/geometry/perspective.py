@@ -44,11 +44,6 @@ class PerspectiveCamera:
         """Horizontal field of view, rad: edge to edge through the principal point, as if without distortion."""
         return math.atan((self.cx + 0.5) / self.fx) + math.atan((self.size_px[0] - 0.5 - self.cx) / self.fx)
 
-    @property
-    def vfov_rad(self) -> float:
-        """Vertical field of view, rad, in the same sense."""
-        return math.atan((self.cy + 0.5) / self.fy) + math.atan((self.size_px[1] - 0.5 - self.cy) / self.fy)
-
     def project(self, rays: ArrayLike) -> tuple[Array, Mask]:
         """Return pixels ``(..., 2)`` of rays ``(..., 3)`` of any length, and the mask of the valid set."""
         ray = checked(rays, 3, "rays")

@@ -1,4 +1,4 @@
-"""Planes between the two spheres: the homography of a plane under a known motion (paper, section 5.2, eqs. 6 to 8).
+"""Planes between the two spheres: the homographies of planes under a known motion (paper, section 5.2, eqs. 6 to 8).
 
 A plane ``N · X = 1``, with X in the fisheye's place but the head's axes (``X = range · R P_f``), sends pre-rotated
 rays to directions of the head by ``P_h ∝ H R P_f`` with ``H = I + T Nᵀ``; this is the paper's ``I - T nᵀ/d`` with the
@@ -18,32 +18,6 @@ from ptzd.geometry.types import Array, Mask, checked
 MIN_SINGULAR = 1e-3
 """Least singular value of stacked unit rays that span a plane: roughly how far, in rad, they stray from one line; this
 is a fraction of a fisheye pixel."""
-
-
-def homography(translation: ArrayLike, plane: ArrayLike) -> Array:
-    """Return ``H = I + T Nᵀ``, shape ``(..., 3, 3)``, for T ``(3,)`` and planes N ``(..., 3)``."""
-    shift, normal = checked(translation, 3, "translation"), checked(plane, 3, "plane")
-    return np.asarray(np.eye(3) + shift[:, None] * normal[..., None, :])
-
-
-def inverse_homography(translation: ArrayLike, plane: ArrayLike) -> Array:
-    """Return ``H⁻¹ = I - T Nᵀ / (1 + N · T)`` (Sherman & Morrison 1950), shape ``(3, 3)``, for one plane ``(3,)``.
-
-    Raises
-    ------
-    GeometryError
-        When the plane passes through the head's centre, ``1 + N · T = 0``: H has no inverse.
-    """
-    shift, normal = checked(translation, 3, "translation"), checked(plane, 3, "plane")
-    height = 1.0 + float(normal @ shift)
-    if abs(height) < 1e-12:
-        raise GeometryError("the plane passes through the head's centre: its homography has no inverse")
-    return homography(-shift / height, normal)
-
-
-def transfer(matrix: ArrayLike, rays: ArrayLike) -> Array:
-    """Return the unit directions ``(..., 3)`` of rays ``(..., 3)`` through a homography ``(3, 3)``, signs kept."""
-    return normalise(checked(rays, 3, "rays") @ checked(matrix, 3, "matrix").T)
 
 
 def plane_from_pairs(

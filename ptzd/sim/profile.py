@@ -130,16 +130,6 @@ class Profile:
         return f"AXIS {self.product} PTZ Network Camera"
 
     @property
-    def pan_limits_deg(self) -> tuple[float, float]:
-        """Lowest and highest pan; an endless head wraps there."""
-        return self.pan.low, self.pan.high
-
-    @property
-    def tilt_limits_deg(self) -> tuple[float, float]:
-        """Lowest and highest tilt."""
-        return self.tilt.low, self.tilt.high
-
-    @property
     def max_magnification(self) -> float:
         """Magnification of the tele end that the camera believes in (ratio of the tangents)."""
         wide, tele = self.optics.hfov_wide_deg, self.optics.hfov_tele_deg

@@ -246,7 +246,8 @@ def _poses(rig: Rig, true_rig: Rig, ray: np.ndarray, truth: np.ndarray, conditio
         shift = rng.normal(0.0, np.radians(condition.aimed_deg), 3)
         return [true_rig.aim(truth + shift, zoom)]
     arc = EpipolarArc.of(rig, ray, 1.0 / condition.range_m[1], 1.0 / condition.range_m[0])
-    vfov = rig.camera(HeadReading(pan_deg=0.0, tilt_deg=0.0, zoom=zoom)).vfov_rad
+    camera = rig.camera(HeadReading(pan_deg=0.0, tilt_deg=0.0, zoom=zoom))
+    vfov = 2.0 * np.arctan(camera.size_px[1] / 2.0 / camera.fy)
     count = max(1, int(np.ceil(arc.length_rad / (0.5 * vfov))))
     ends = arc.angle_at([arc.s_min, arc.s_max])
     middle = ends[0] + (ends[1] - ends[0]) * (np.arange(count) + 0.5) / count

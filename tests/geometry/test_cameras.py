@@ -196,7 +196,6 @@ def test_the_fold_of_the_distortion_bounds_every_model():
 def test_field_of_view_is_edge_to_edge():
     camera = PerspectiveCamera(size_px=(640, 480), fx=554.256, fy=554.256, cx=319.5, cy=239.5)
     assert math.degrees(camera.hfov_rad) == pytest.approx(60.0, abs=1e-3)
-    assert camera.vfov_rad == pytest.approx(2 * math.atan(240 / 554.256))
     corner = camera.project(camera.lift([-0.5, -0.5])[0])[0]
     assert in_picture(camera, corner + 1e-9)
 
