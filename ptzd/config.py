@@ -183,6 +183,17 @@ class Lease(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Over after so long without a word from whoever has it."""
 
 
+class Shadow(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Decide and log everything, move nothing."""
+
+    enabled: bool = False
+    """Also by ``ptzd run --shadow``."""
+    speed_deg_s: Annotated[float, Meta(gt=0, le=2000)] | None = None
+    """Of the head that is imagined; None: what the camera says of itself, else 100."""
+    acceleration_deg_s2: Annotated[float, Meta(gt=0, le=20_000)] = 400.0
+    zoom_units_s: Annotated[float, Meta(gt=0, le=100_000)] = 3500.0
+
+
 class BusSettings(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The Zenoh session."""
 
@@ -234,6 +245,7 @@ class Config(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     bus: BusSettings = BusSettings()
     log: LogSettings = LogSettings()
     drift: DriftSettings = DriftSettings()
+    shadow: Shadow = Shadow()
 
 
 WHILE_RUNNING = (

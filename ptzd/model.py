@@ -43,6 +43,8 @@ class Outcome(StrEnum):
     TIMEOUT = "timeout"
     LOST = "lost"
     DEVICE_LOST = "device_lost"
+    SHADOW = "shadow"
+    """Nothing moves, so nobody can know: pictures of where the head would have looked were not taken."""
     REJECTED = "rejected"
 
 

@@ -63,6 +63,8 @@ class HeadPoll:
     motion: Motion
     foreign: bool = False
     """True on the first report of a motion that nobody here asked for."""
+    camera: HeadReading | None = None
+    """Where the camera itself stands, when ``reading`` is where a shadow's head would."""
 
 
 class PtzHead(Protocol):
@@ -88,7 +90,10 @@ class PtzHead(Protocol):
         ...
 
     async def grab(self, not_before_ns: int) -> tuple[Picture, ViewRef]:
-        """The first picture exposed wholly at rest at or after ``not_before_ns``."""
+        """The first picture exposed wholly at rest at or after ``not_before_ns``.
+
+        Raises :class:`PictureMissed` when there is none of where the head would stand.
+        """
         ...
 
     def polls(self) -> AsyncIterator[HeadPoll]:
@@ -102,6 +107,10 @@ class PtzHead(Protocol):
 
 class MoveSuperseded(Exception):
     """A later move or a stop took this one's place."""
+
+
+class PictureMissed(Exception):
+    """The camera stands elsewhere than the head that is imagined; one sentence."""
 
 
 class MoveStalled(Exception):

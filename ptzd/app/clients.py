@@ -7,14 +7,16 @@ from collections.abc import AsyncIterator
 import msgspec
 
 from ptzd.bus.client import Client
-from ptzd.bus.messages import MESSAGES, Feedback, LeaseHeld, LeaseRequest, RoiResult, Status, schema
+from ptzd.bus.messages import MESSAGES, Feedback, LeaseHeld, LeaseRequest, Pose, RoiResult, ShadowPose, Status, schema
 
 __all__ = [
     "Client",
     "Feedback",
     "LeaseHeld",
     "LeaseRequest",
+    "Pose",
     "RoiResult",
+    "ShadowPose",
     "Status",
     "message_schema",
     "message_types",

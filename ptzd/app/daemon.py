@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import math
 import os
 import signal
@@ -22,18 +23,19 @@ from ptzd.bus.answers import LogHandler
 from ptzd.bus.messages import LogReference
 from ptzd.bus.server import ZenohBus
 from ptzd.calibrate.watch import DriftWatch
-from ptzd.config import FilesSource, FisheyeSource, HttpSource
+from ptzd.config import Config, FilesSource, FisheyeSource, HttpSource
 from ptzd.control.states import State
 from ptzd.devices.files import FilesFisheye
 from ptzd.devices.http_fisheye import HttpFisheye
 from ptzd.devices.v4l2 import V4l2Fisheye
 from ptzd.devices.vapix.head import VapixHead
+from ptzd.devices.vapix.shadow import ShadowHead
 from ptzd.documents import parse_mapping
 from ptzd.errors import LogError
 from ptzd.evidence.illustrate import Illustrator
 from ptzd.log.run_info import RunInfo
 from ptzd.log.writer import McapLog
-from ptzd.ports import Clock, FrameSource
+from ptzd.ports import Clock, FrameSource, PtzHead
 from ptzd.runtime.clock import SteadyClock
 from ptzd.runtime.daemon import Daemon
 from ptzd.runtime.notify import Notifier
@@ -48,6 +50,9 @@ CUT_EVERY_S = 2.0
 """Between two cuts of the log that are asked for: a client that asks in a loop would make files without end."""
 VITAL_S = 10.0
 """Cameras deliver and are polled many times a second, and each poll is logged; reported losses are excused."""
+
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(slots=True)
@@ -100,7 +105,7 @@ async def serve(
     while not stop.is_set():
         await _life(loaded, stop, again or asyncio.Event(), ready)
         if not stop.is_set():
-            loaded = await asyncio.to_thread(load, loaded.path)
+            loaded = await asyncio.to_thread(partial(load, loaded.path, shadow=loaded.shadow))
 
 
 async def _life(loaded: Loaded, stop: asyncio.Event, again: asyncio.Event, ready: Callable[[], None]) -> None:
@@ -127,7 +132,7 @@ async def _life(loaded: Loaded, stop: asyncio.Event, again: asyncio.Event, ready
         )
         bus.set_calibration(parse_mapping(loaded.calibration_text))
         fisheye = await stack.enter_async_context(open_fisheye(config.fisheye, clock))
-        head = await stack.enter_async_context(VapixHead(config.ptz, config.limits, clock))
+        head = await stack.enter_async_context(open_head(config, clock))
         perception = await stack.enter_async_context(ThreadPerception(loaded.rig))
 
         drift = DriftWatch(
@@ -193,6 +198,17 @@ async def open_fisheye(settings: FisheyeSource, clock: Clock) -> AsyncIterator[F
             source = V4l2Fisheye(settings, clock)
     async with source:
         yield source
+
+
+@asynccontextmanager
+async def open_head(config: Config, clock: Clock) -> AsyncIterator[PtzHead]:
+    """Open the PTZ camera; in shadow mode it is only asked, and an imagined head moves in its place."""
+    async with VapixHead(config.ptz, config.limits, clock, only_asks=config.shadow.enabled) as camera:
+        if not config.shadow.enabled:
+            yield camera
+            return
+        _log.warning("shadow mode: everything is decided and logged, nothing moves; `stop` stops no camera either")
+        yield ShadowHead(camera, config.ptz, config.shadow, clock)
 
 
 def _log_reference(log: McapLog, clock: Clock) -> LogReference | None:

@@ -27,12 +27,20 @@ class Loaded:
     """The settings as parsed, defaults filled in; names files of secrets, never their contents."""
     rig: Rig
     calibration_text: str
+    shadow: bool = False
+    """Asked for beside the file, whatever stands in it."""
 
 
-def load(path: Path) -> Loaded:
+def load(path: Path, *, shadow: bool = False) -> Loaded:
     """Read a settings file and the calibration that it names.
 
     Relative paths inside the settings are relative to the settings file.
+
+    Parameters
+    ----------
+    path : Path
+    shadow : bool
+        Move nothing, also where the file does not say so.
 
     Raises
     ------
@@ -40,6 +48,8 @@ def load(path: Path) -> Loaded:
         With file and path of the culprit.
     """
     config = load_settings(path)
+    if shadow:
+        config = msgspec.structs.replace(config, shadow=msgspec.structs.replace(config.shadow, enabled=True))
     _check_addresses(config)
     calibration_path = Path(config.calibration)
     try:
@@ -55,6 +65,7 @@ def load(path: Path) -> Loaded:
         config_text=yaml.safe_dump(msgspec.to_builtins(config), sort_keys=False),
         rig=checked_rig(config, calibration_text, str(calibration_path)),
         calibration_text=calibration_text,
+        shadow=shadow,
     )
 
 

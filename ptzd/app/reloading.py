@@ -49,7 +49,7 @@ def read_again(running: Loaded) -> Reload:
     ConfigError, CalibrationError
         The file is wrong, or what it changes does not fit what stays.
     """
-    asked = load(running.path)
+    asked = load(running.path, shadow=running.shadow)
     document: dict[str, object] = msgspec.to_builtins(running.config)
     taken, refused = [], []
     for part, old, new in _differing(document, msgspec.to_builtins(asked.config)):

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import cv2
+import msgspec
 from mcap.opcode import Opcode
 
 from ptzd.app.fingerprint import fingerprint
@@ -61,6 +62,8 @@ def replay(
         recorded_config = parse_config(_settings(path, run), f"{path}: config.yaml")
         recorded_rig = checked_rig(recorded_config, run.calibration_text, f"{path}: rig.yaml")
         config = recorded_config if config_path is None else load_config(config_path)
+        # whether anything moved is what happened, no setting that could have been otherwise
+        config = msgspec.structs.replace(config, shadow=recorded_config.shadow)
         rig = recorded_rig
         if calibration_path is not None or config_path is not None:
             text = run.calibration_text if calibration_path is None else _text(calibration_path)

@@ -232,6 +232,7 @@ def _fields(status: PublishStatus) -> dict[str, object]:
         "fisheye": status.fisheye,
         "ptz": status.ptz,
         "held": status.held,
+        "shadow": status.shadow,
         "lease": lease_shown(status.lease),
     }
 

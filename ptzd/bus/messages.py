@@ -238,6 +238,14 @@ class LogReply(Outgoing, frozen=True):
     files: tuple[str, ...]
 
 
+class ShadowPose(Outgoing, frozen=True):
+    """Where the head would look, were it not for the shadow."""
+
+    pan_deg: float
+    tilt_deg: float
+    zoom: float
+
+
 class Pose(Outgoing, frozen=True):
     """Where the head looks."""
 
@@ -249,7 +257,9 @@ class Pose(Outgoing, frozen=True):
     sigma_deg: float | None = None
     moving: bool = False
     motion: str = ""
-    """``moving``, ``settling``, ``stable`` or ``unknown``."""
+    """``moving``, ``settling``, ``stable`` or ``unknown``; of the imagined head where there is one."""
+    shadow: ShadowPose | None = None
+    """In shadow mode; all else is where the camera stands."""
 
 
 class Status(Outgoing, frozen=True):
@@ -267,6 +277,8 @@ class Status(Outgoing, frozen=True):
     held: bool = False
     lease: LeaseHeld | None = None
     """Who has the head for himself."""
+    shadow: bool = False
+    """What is decided moves nothing."""
     devices: Document = {}
     pose: Pose | None = None
     log: Document = {}

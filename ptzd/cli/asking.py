@@ -10,7 +10,7 @@ from datetime import datetime
 import msgspec
 from rich.markup import escape
 
-from ptzd.app.clients import Client, Feedback, LeaseHeld, LeaseRequest, RoiResult, notices
+from ptzd.app.clients import Client, Feedback, LeaseHeld, LeaseRequest, Pose, RoiResult, ShadowPose, notices
 from ptzd.cli import terminal
 from ptzd.control.states import State
 from ptzd.control.wording import in_words, range_in_words
@@ -104,13 +104,16 @@ def status(arguments: argparse.Namespace) -> int:
         console.print(
             f"active    {_said(now.active or '–')}    waiting {len(now.queue)}{'    held' if now.held else ''}"
         )
+        if now.shadow:
+            where = now.pose.shadow if now.pose else None
+            pose = f"; the head would be at {pose_in_words(where)}" if where else ""
+            console.print(f"shadow    decides and logs, moves nothing{pose}")
         if now.lease is not None:
             console.print(f"lease     {_said(held_in_words(now.lease))}")
         console.print(f"fisheye   {_said(now.fisheye)}")
         console.print(f"ptz       {_said(now.ptz)}")
         if now.pose is not None:
-            pose = now.pose
-            console.print(f"pose      pan {pose.pan_deg:.2f}°, tilt {pose.tilt_deg:.2f}°, zoom {pose.zoom:g}")
+            console.print(f"pose      {pose_in_words(now.pose)}")
         console.print(f"log       {_said(str(now.log.get('file', '–')))}")
         return 0
 
@@ -131,6 +134,11 @@ def lease(arguments: argparse.Namespace) -> int:
         return 1
 
     return _with_client(arguments, work)
+
+
+def pose_in_words(pose: Pose | ShadowPose) -> str:
+    """Where a head looks, for a person."""
+    return f"pan {pose.pan_deg:.2f}°, tilt {pose.tilt_deg:.2f}°, zoom {pose.zoom:g}"
 
 
 def held_in_words(held: LeaseHeld | None) -> str:

@@ -78,6 +78,7 @@ def _add_rig_commands(commands: argparse._SubParsersAction[_Parser]) -> None:
     demo.set_defaults(run=rig.demo)
     run = commands.add_parser("run", help="the daemon")
     run.add_argument("--config", type=Path, required=True)
+    run.add_argument("--shadow", action="store_true", help="decide and log everything, move nothing")
     run.set_defaults(run=rig.run)
     check = commands.add_parser("check", help="settings and calibration; with --connect both cameras too")
     check.add_argument("--config", type=Path, required=True)

@@ -20,9 +20,10 @@ def run(arguments: argparse.Namespace) -> int:
     from ptzd.app import daemon, journal
     from ptzd.app.loading import load
 
-    loaded = load(arguments.config)
+    loaded = load(arguments.config, shadow=arguments.shadow)
     journal.set_up()
-    asyncio.run(daemon.run(loaded, ready=lambda: print(f"ptzd: rig {loaded.config.rig} serves requests", flush=True)))
+    serves = f"ptzd: rig {loaded.config.rig} serves requests{', moves nothing' if loaded.config.shadow.enabled else ''}"
+    asyncio.run(daemon.run(loaded, ready=lambda: print(serves, flush=True)))
     return 0
 
 

@@ -9,6 +9,7 @@ from ptzd.control.activities.activity import Failure
 from ptzd.control.authority import Authority
 from ptzd.control.desk import Desk
 from ptzd.control.memory import Memory
+from ptzd.control.shadow import note_missed
 from ptzd.control.work import Awaited, Work
 from ptzd.model import Outcome
 
@@ -38,6 +39,13 @@ class Answers:
         """A picture at rest."""
         if self.work.answers_head(Awaited.GRAB, event.grab_id) and self.memory.holder is not None:
             self.authority.apply(self.memory.holder.activity.on_picture(self.work, event.view))
+
+    def on_view_missed(self, event: ev.ViewMissed) -> None:
+        """A look that a shadow would have taken."""
+        if self.work.answers_head(Awaited.GRAB, event.grab_id):
+            if self.memory.task is not None:
+                note_missed(self.work, self.memory.task)
+            self._failed(Awaited.GRAB, event.reason)
 
     def on_match(self, event: ev.MatchFinished) -> None:
         """A matcher's answer."""

@@ -14,6 +14,7 @@ from ptzd.control.activities.stop import Stop
 from ptzd.control.desk import Desk
 from ptzd.control.memory import AnyActivity, Claim, Memory
 from ptzd.control.ranks import Rank
+from ptzd.control.shadow import NOT_TOLD
 from ptzd.control.work import Work, seconds
 from ptzd.model import Outcome
 
@@ -147,7 +148,7 @@ class Authority:
     def stop_is_over(self, reason: str = "") -> None:
         """The camera stands, or with a reason: did not say so. Whoever asked hears of it."""
         if self.stop_under_way is not None:
-            self.end(Over(reason=reason))
+            self.end(Over(reason=reason or (NOT_TOLD if self.work.config.shadow.enabled else "")))
 
     def leave_home(self) -> None:
         """The head is on its way home no more."""

@@ -132,7 +132,7 @@ class PublishFeedback(Command):
 
     id: str
     step: str
-    """state, view, match, correction, verify, update, note."""
+    """state, plan, view, shadow, match, found, correction, verify, locked, update, note."""
     detail: dict[str, object]
     """Flat: numbers, strings, booleans."""
 
@@ -174,6 +174,8 @@ class PublishStatus(Command):
     """An operator's ``hold`` is in force: no request is started."""
     lease: LeaseHeld | None = None
     """Who has the head for himself."""
+    shadow: bool = False
+    """What is decided moves nothing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

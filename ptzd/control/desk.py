@@ -14,6 +14,7 @@ from ptzd.control.activities.scan import Scan
 from ptzd.control.memory import AnyActivity, Claim, Ended, Memory
 from ptzd.control.ranks import Rank
 from ptzd.control.requests import Request, Task
+from ptzd.control.shadow import as_shadow
 from ptzd.control.work import Work, seconds
 from ptzd.errors import RequestRefused
 from ptzd.model import REFUSED, FrameRef, Outcome
@@ -165,7 +166,8 @@ class Desk:
         """Give the request that was served its result."""
         if claim.task is None or over.outcome is None:
             raise AssertionError(f"the claim of {claim.owner} has no request to end")
-        self._publish(self._result(claim.task, claim.activity, over.outcome, over.reason, over.probability))
+        outcome, reason = as_shadow(claim.task, over.outcome, over.reason)
+        self._publish(self._result(claim.task, claim.activity, outcome, reason, over.probability))
         self.work.out.append(cmd.ReleaseFrames(request_id=claim.task.request.id))
 
     def reply(self, token: int | None, outcome: str) -> None:
@@ -177,7 +179,8 @@ class Desk:
         """Tell whoever asked for a stop that the camera stands, or why nobody can say so."""
         for token in tokens:
             if reason:
-                self.refuse(token, RequestRefused("device_lost", f"the stop is not confirmed: {reason}"))
+                code = "shadow" if self.work.config.shadow.enabled else "device_lost"
+                self.refuse(token, RequestRefused(code, f"the stop is not confirmed: {reason}"))
             else:
                 self.reply(token, "stopped")
 

@@ -210,6 +210,14 @@ class ViewTaken(Event):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ViewMissed(Event):
+    """There is no picture of where the head would stand: it is a shadow's, and the camera stands elsewhere."""
+
+    grab_id: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class MatchFinished(Event):
     """A matcher's answer for one view."""
 

@@ -62,6 +62,7 @@ class Machine:
             ev.HeadStalled: answers.on_stalled,
             ev.HeadStopped: operator.on_stopped,
             ev.ViewTaken: answers.on_view,
+            ev.ViewMissed: answers.on_view_missed,
             ev.MatchFinished: answers.on_match,
             ev.MatchFailed: answers.on_match_failed,
             ev.DeadlinePassed: answers.on_deadline,
@@ -131,7 +132,7 @@ class Machine:
         self._work.config = with_parts(self._work.config, event.parts)
 
     def _publish_status(self) -> None:
-        status, told = self._memory.status(), self._memory.published
+        status, told = self._memory.status(shadow=self.config.shadow.enabled), self._memory.published
         if status == told:
             return
         if status.active is not None and (told is None or status.state != told.state):

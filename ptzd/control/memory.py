@@ -91,8 +91,8 @@ class Memory:
         claims = self.claims if self.holder is None else [self.holder, *self.claims]
         return next((claim.activity for claim in claims if isinstance(claim.activity, Manual)), None)
 
-    def status(self) -> PublishStatus:
-        """The state as others see it."""
+    def status(self, *, shadow: bool) -> PublishStatus:
+        """The state as others see it; ``shadow``: nothing that is decided moves the camera."""
         return PublishStatus(
             state=self.state,
             active=self.task.request.id if self.task else None,
@@ -102,6 +102,7 @@ class Memory:
             ptz=self.ptz,
             held=self.head.held,
             lease=None if self.lease is None else self.lease.shown(),
+            shadow=shadow,
         )
 
     @property

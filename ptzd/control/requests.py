@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from ptzd.control.events import ZoomWish
-from ptzd.model import Box, FrameRef
+from ptzd.model import Box, FrameRef, HeadReading
 
 
 @dataclass(slots=True, kw_only=True)
@@ -43,6 +43,15 @@ class Request:
         return True
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Missed:
+    """A look that a shadow would have taken."""
+
+    reading: HeadReading
+    after_ns: int
+    """Since the request was accepted."""
+
+
 @dataclass(slots=True, kw_only=True)
 class Task:
     """A request that is served or waits for it, over all the activities that serve it."""
@@ -52,3 +61,5 @@ class Task:
     """How often a target that was found and lost has been searched for anew."""
     views: int = 0
     """Pictures taken for it."""
+    missed: list[Missed] = field(default_factory=list)
+    """Pictures that a shadow would have taken for it."""

@@ -68,6 +68,7 @@ def _table() -> Table:
         ev.HeadArrived,
         ev.HeadStalled,
         ev.ViewTaken,
+        ev.ViewMissed,
         ev.MatchFinished,
         ev.MatchFailed,
         ev.SettingsChanged,
@@ -102,12 +103,26 @@ def _table() -> Table:
     table[State.MANUAL, ev.DeadlinePassed] = _NEXT_REQUEST
     table[State.IDLE, ev.HeadStopped] = _NEXT_REQUEST
     scan_ends = _NEXT_REQUEST | {State.SCAN, State.MATCH, State.LOCK}
-    for event in (ev.HeadStalled, ev.ViewTaken, ev.MatchFinished, ev.MatchFailed, ev.DeadlinePassed):
+    for event in (
+        ev.HeadStalled,
+        ev.ViewTaken,
+        ev.ViewMissed,
+        ev.MatchFinished,
+        ev.MatchFailed,
+        ev.DeadlinePassed,
+    ):
         table[State.SCAN, event] = scan_ends
     table[State.SCAN, ev.HeadArrived] = frozenset({State.SCAN})
     for closing in (ev.MatchFinished, ev.MatchFailed, ev.DeadlinePassed):
         table[State.MATCH, closing] = scan_ends
-    for event in (ev.HeadStalled, ev.ViewTaken, ev.MatchFinished, ev.MatchFailed, ev.DeadlinePassed):
+    for event in (
+        ev.HeadStalled,
+        ev.ViewTaken,
+        ev.ViewMissed,
+        ev.MatchFinished,
+        ev.MatchFailed,
+        ev.DeadlinePassed,
+    ):
         table[State.LOCK, event] = _NEXT_REQUEST | {State.LOCK}
     table[State.LOCK, ev.UpdateReceived] = _NEXT_REQUEST | {State.LOCK}
     table[State.IDLE, ev.DeadlinePassed] = _NEXT_REQUEST | {State.HOME}
@@ -154,6 +169,7 @@ _SPOKEN = {
     ev.HeadArrived: "arrived",
     ev.HeadStalled: "view",
     ev.ViewTaken: "view",
+    ev.ViewMissed: "view",
     ev.MatchFinished: "match",
     ev.MatchFailed: "match",
     ev.DeadlinePassed: "deadline",

@@ -22,6 +22,7 @@ ENDS = {
     "timeout": "It took longer than it was allowed to.",
     "lost": "The target had been found and was not recognised any more.",
     "device_lost": "A device was lost while the request was served.",
+    "shadow": "The daemon was a shadow: it says where the camera would have looked, and nothing moved.",
     "rejected": "It was refused.",
     "refused": "It was refused before anything moved.",
     "open": "This file ends before the request does.",

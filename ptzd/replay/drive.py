@@ -22,6 +22,7 @@ from ptzd.log.reader import LoggedEvent, LogReader
 from ptzd.log.topics import FISHEYE_IMAGE, PTZ_IMAGE
 from ptzd.model import MatchResult
 from ptzd.replay.compare import EXACT, Difference, Tolerance, differences, kind, named_path
+from ptzd.replay.wishes import Wish, note_wishes
 
 Matcher = Callable[[cmd.RunMatch, bytes, bytes], MatchResult]
 """Runs one match on the bytes of a fisheye frame and a view."""
@@ -64,6 +65,8 @@ class Replay:
     """A request that parted before its end has none: nobody took the pictures that it would have asked for."""
     holes: list[Hole] = field(default_factory=list)
     """Where events are missing in the file; behind the first one nothing is compared."""
+    shadow: list[Wish] = field(default_factory=list)
+    """What a shadow would have moved, as replayed; empty for a log of a head that moved."""
     differences: list[Difference] = field(default_factory=list)
     """Of each request the first, and where it parts."""
     elapsed_s: float = 0.0
@@ -232,6 +235,8 @@ class Player:
         except (ImpossibleEvent, PtzdError) as error:
             self._differ(step, self._active, type(event).__name__, "handled", str(error), parts=True)
             return
+        if self._config.shadow.enabled:
+            note_wishes(self._replay.shadow, step.t_ns, event, commands, step.active(self._active))
         self._jobs |= {told.match_id: told for told in commands if isinstance(told, cmd.RunMatch)}
         self._replay.replayed |= {told.id: told for told in commands if isinstance(told, cmd.PublishResult)}
         self._compare(step, commands)

@@ -99,6 +99,10 @@ def lines(report: Report) -> Iterator[str]:
         yield f"  {story}"
         for line in story.details():
             yield f"    {line}"
+    if replay.shadow:
+        yield "  a shadow, nothing moved; it would have:"
+        for wish in replay.shadow:
+            yield f"    {wish}"
 
 
 def document(report: Report) -> dict[str, object]:
@@ -115,6 +119,7 @@ def document(report: Report) -> dict[str, object]:
         "matches": replay.matches,
         "requests": {name: result.outcome.value for name, result in replay.recorded.items()},
         "replayed": {name: result.outcome.value for name, result in replay.replayed.items()},
+        "shadow": [msgspec.to_builtins(wish) for wish in replay.shadow],
         "holes": [msgspec.to_builtins(hole) for hole in replay.holes],
         "differences": [msgspec.to_builtins(found) for found in replay.differences],
         "speed_over_real_time": round(replay.speed, 1),

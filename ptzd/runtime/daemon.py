@@ -158,8 +158,11 @@ class Daemon:
             now_serving()
 
     def pose_document(self, poll: HeadPoll) -> dict[str, object]:
-        """The pose as the bus key ``pose`` and the log topic ``/pose`` show it: calibrated head frame, deg."""
-        reading = poll.reading
+        """The pose as the bus key ``pose`` and the log topic ``/pose`` show it: calibrated head frame, deg.
+
+        Of a shadow it is where the camera stands, with where the imagined head does beside it.
+        """
+        reading = poll.camera or poll.reading
         pan, tilt = self._rig.head.pan_tilt_from_vapix(reading)
         low, high = self._rig.zoom.zoom_range
         calibrated = low <= reading.zoom <= high
@@ -174,7 +177,16 @@ class Daemon:
             "motion": poll.motion.value,
             "sigma_deg": 0.0 if uncertainty is None else round(math.degrees(uncertainty.head_rad), 4),
         }
-        return document if hfov is None else {**document, "hfov_deg": round(hfov, 4)}
+        if hfov is not None:
+            document["hfov_deg"] = round(hfov, 4)
+        if poll.camera is not None:
+            pan, tilt = self._rig.head.pan_tilt_from_vapix(poll.reading)
+            document["shadow"] = {
+                "pan_deg": round(math.degrees(pan), 4),
+                "tilt_deg": round(math.degrees(tilt), 4),
+                "zoom": poll.reading.zoom,
+            }
+        return document
 
     def _publish_pose(self, poll: HeadPoll) -> None:
         document = self.pose_document(poll)

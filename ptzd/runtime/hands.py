@@ -8,7 +8,7 @@ from collections.abc import Callable, Coroutine
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
 from ptzd.errors import DeviceError, PtzdError
-from ptzd.ports import EventLog, MoveStalled, MoveSuperseded, Perception, PtzHead
+from ptzd.ports import EventLog, MoveStalled, MoveSuperseded, Perception, PictureMissed, PtzHead
 from ptzd.runtime.frames import FrameStore
 
 Tell = Callable[[ev.Event], None]
@@ -119,6 +119,10 @@ class Hands:
         number = command.grab_id
         try:
             picture, view = await self._head.grab(command.not_before_ns)
+        except PictureMissed as missed:
+            reason = str(missed)
+            self._tell(ev.ViewMissed(grab_id=number, reason=reason))
+            return
         except DeviceError as error:
             self._lost(error)
             return

@@ -59,6 +59,7 @@ class AxisCamera:
         self._darkroom = Darkroom()
         self._pictures = PictureCgi(self.unit, eye, self._darkroom, self.faults, self.shots)
         self._server = CameraServer(self.unit, self.gate, self._pictures, self.faults, self.reboot)
+        self.asked = self._server.asked
         self.network = Network(self._server.app(), settings.host, clock)
         self._tasks: set[asyncio.Task[None]] = set()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Awaitable, Callable
 from urllib.parse import parse_qsl
 
@@ -24,6 +25,7 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 USER = web.RequestKey("user", User)
 OPEN_PATHS = frozenset({"/axis-cgi/systemready.cgi"})
 """No credentials are asked for here."""
+ASKED_KEPT = 10_000
 WRITABLE = ("GuardTour.", "Image.", "PTZ.", "Network.HTTP.AuthenticationPolicy")
 
 
@@ -51,6 +53,8 @@ class CameraServer:
         self._tokens = Tokens(unit.clock)
         self._queue = ControlQueue(int(unit.parameters["PTZ.Various.V1.CtlQueueLimit"]))
         self.events = EventStream(unit)
+        self.asked: deque[str] = deque(maxlen=ASKED_KEPT)
+        """Requests as they came, method, page and arguments: for the side channel."""
         self.ready = True
         self.boot_id = f"{unit.settings.seed:08x}-0001"
         self._started_s = unit.clock.now_s()
@@ -110,6 +114,7 @@ class CameraServer:
 
     @web.middleware
     async def _fault(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        self.asked.append(f"{request.method} {request.path_qs}")
         fault = self._faults.on_request(request.path_qs, self._unit.clock.now_s())
         return await handler(request) if fault is None else await self._faulty(fault, request, handler)
 

@@ -45,6 +45,7 @@ def plain(kind: type[ev.Event], t_ns: int) -> ev.Event:
         ev.HeadArrived: {"move_id": STALE, "reading": HOME},
         ev.HeadStalled: {"move_id": STALE, "reading": HOME, "reason": "blocked"},
         ev.ViewTaken: {"grab_id": STALE, "view": ViewRef(frame=frame, reading=HOME, sigma_deg=0.01)},
+        ev.ViewMissed: {"grab_id": STALE, "reason": "the camera stands elsewhere"},
         ev.MatchFailed: {"match_id": STALE, "reason": "broken"},
     }
     if kind is ev.MatchFinished:
@@ -180,7 +181,10 @@ class Life:
         if isinstance(head, cmd.MoveHead):
             self.tell(ev.HeadStalled(move_id=head.move_id, reading=HOME, reason="blocked"))
         elif isinstance(head, cmd.GrabView):
-            self._deadline()
+            if self.pick([True, False]):
+                self._deadline()
+            else:
+                self.tell(ev.ViewMissed(grab_id=head.grab_id, reason="the camera stands elsewhere"))
 
     def _match_answers(self) -> None:
         self.t_ns += SECOND_NS // 50
@@ -195,7 +199,7 @@ class Life:
 
     def _late_answer(self) -> None:
         """An answer to something long forgotten."""
-        kind = self.pick([ev.HeadArrived, ev.HeadStalled, ev.MatchFailed, ev.ViewTaken])
+        kind = self.pick([ev.HeadArrived, ev.HeadStalled, ev.MatchFailed, ev.ViewTaken, ev.ViewMissed])
         self.tell(plain(kind, self.t_ns))
 
     def _polled(self) -> None:

@@ -67,12 +67,12 @@ class Site:
             await self.until(self.ready.is_set)
 
     async def spawn(
-        self, *, state: str = "IDLE", stdin: int = asyncio.subprocess.DEVNULL
+        self, *arguments: str, state: str = "IDLE", stdin: int = asyncio.subprocess.DEVNULL
     ) -> asyncio.subprocess.Process:
         """The daemon as a process of its own."""
         environ = {**os.environ, "PYTHONUNBUFFERED": "1"}
         self.process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "ptzd", "run", "--config", str(self.config),
+            sys.executable, "-m", "ptzd", "run", "--config", str(self.config), *arguments,
             stdin=stdin, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE, env=environ,
         )  # fmt: skip
         await self._listen()

@@ -68,9 +68,19 @@ class CameraClient:
         Stamps the exchanges.
     refusal_pause_s : float
         How long nothing is sent after a refusal.
+    only_asks : bool
+        Send nothing that moves or changes the camera.
     """
 
-    def __init__(self, address: Address, clock: Clock, *, refusal_pause_s: float = REFUSAL_PAUSE_S) -> None:
+    def __init__(
+        self,
+        address: Address,
+        clock: Clock,
+        *,
+        refusal_pause_s: float = REFUSAL_PAUSE_S,
+        only_asks: bool = False,
+    ) -> None:
+        self._only_asks = only_asks
         self._base = address.base()
         self._fingerprint = address.fingerprint()
         self._address = address
@@ -124,6 +134,8 @@ class CameraClient:
 
     async def exchange(self, request: Request[T]) -> Exchange[T]:
         """Like :meth:`send`, with the times of the round trip."""
+        if self._only_asks and request.orders:
+            raise DeviceRefused(f"{self.origin}{request.name}: not sent, this daemon is a shadow and moves nothing")
         for remaining in reversed(range(request.attempts)):
             try:
                 return await self._exchange(request)

@@ -64,6 +64,8 @@ class VapixHead:
         Stamps reports and pictures.
     jitter : callable or None
         Random numbers in [0, 1) for the pauses between attempts; None = the system's.
+    only_asks : bool
+        Send nothing that moves or changes the camera.
 
     Attributes
     ----------
@@ -74,7 +76,13 @@ class VapixHead:
     """
 
     def __init__(
-        self, settings: Ptz, limits: Limits, clock: Clock, *, jitter: Callable[[], float] | None = None
+        self,
+        settings: Ptz,
+        limits: Limits,
+        clock: Clock,
+        *,
+        jitter: Callable[[], float] | None = None,
+        only_asks: bool = False,
     ) -> None:
         address = Address(
             url=settings.url,
@@ -88,7 +96,7 @@ class VapixHead:
         self._settings = settings
         self._limits = limits
         self._settle_ns = round(settings.settle_s * 1e9)
-        self._client = CameraClient(address, clock)
+        self._client = CameraClient(address, clock, only_asks=only_asks)
         self._poses = PoseRing(stillness, self._settle_ns)
         self._poller = Poller(settings, self._client, self._poses, clock)
         jitter = jitter or random.SystemRandom().random

@@ -37,6 +37,13 @@ class Request(Generic[T]):
     """Of those that may be sent again when the connection is cut: queries and absolute moves."""
 
     @property
+    def orders(self) -> bool:
+        """Whether it moves or changes the camera; all others only ask."""
+        pages = ("/axis-cgi/com/ptz", "/axis-cgi/param.cgi", "/axis-cgi/restart.cgi")
+        asks = {"query", "info", "whoami"} & {key for key, _ in self.params} or ("action", "list") in self.params
+        return self.path.startswith(pages) and not asks
+
+    @property
     def name(self) -> str:
         """Path with the parameters, for messages; what a user wrote behind a ``?`` may be secret and is left out."""
         query = "&".join(f"{key}={value}" for key, value in self.params)
