@@ -93,6 +93,23 @@ class FrameRef:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RegionAsked:
+    """What somebody outside wants looked at: a box in a fisheye frame, by counter or by time; the newest if neither."""
+
+    box: Box
+    frame_seq: int | None = None
+    frame_t_capture_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Region:
+    """What is looked for: a box in a fisheye frame that is there."""
+
+    box: Box
+    frame: FrameRef
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class HeadReading:
     """A pose of the head in the camera's own units (VAPIX)."""
 
@@ -158,6 +175,45 @@ class Candidate:
     """Corners that agree with the plane (a second witness; the paper's count for ``harris``)."""
     in_view: float = 1.0
     """Share of the region's samples that fall inside the view."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Result:
+    """What came of a request: of each exactly one, on the bus and in the log."""
+
+    id: str
+    outcome: Outcome
+    reason: str
+    """One sentence."""
+    label: str
+    elapsed_ms: int
+    views: int
+    """Pictures taken for it."""
+    pan_deg: float | None = None
+    """Where the target is, calibrated head frame, pan right +, tilt up +; None where none was found."""
+    tilt_deg: float | None = None
+    zoom: float | None = None
+    """Of the last picture, VAPIX zoom units."""
+    hfov_deg: float | None = None
+    box_ptz: tuple[tuple[float, float], ...] = ()
+    """Corners of the region in the last picture, px."""
+    range_m: float | None = None
+    """In baselines when the rig is not metric; None when unknown or infinitely far."""
+    probability: float | None = None
+    sigma_deg: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LeaseHeld:
+    """Who has the head for himself."""
+
+    owner: str
+    rank: int
+    since_ns: int
+    until_ns: int
+    """At the latest; sooner when nothing is heard of him."""
+    wanted_by: str = ""
+    """Who asked for it last."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

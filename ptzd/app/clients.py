@@ -7,7 +7,8 @@ from collections.abc import AsyncIterator
 import msgspec
 
 from ptzd.bus.client import Client
-from ptzd.bus.messages import MESSAGES, Feedback, LeaseHeld, LeaseRequest, Pose, RoiResult, ShadowPose, Status, schema
+from ptzd.bus.messages import MESSAGES, Feedback, LeaseRequest, Pose, RoiResult, ShadowPose, Status, schema
+from ptzd.model import LeaseHeld
 
 __all__ = [
     "Client",

@@ -12,11 +12,10 @@ import zenoh
 from ptzd.bus.arrivals import Arrival, Handler
 from ptzd.bus.decode import decode
 from ptzd.bus.keys import Keys, request_id_of
-from ptzd.bus.messages import ErrorReply, LeaseHeld, LogReply, LogRequest, encoding
+from ptzd.bus.messages import ErrorReply, LogReply, LogRequest, encoding
 from ptzd.bus.pending import BUSY, PendingQueries
 from ptzd.bus.replies import Replies
 from ptzd.bus.results import KeptResults
-from ptzd.control import commands
 from ptzd.control.commands import PublishStatus
 from ptzd.errors import PtzdError, RequestRefused
 from ptzd.ports import Clock
@@ -233,18 +232,5 @@ def _fields(status: PublishStatus) -> dict[str, object]:
         "ptz": status.ptz,
         "held": status.held,
         "shadow": status.shadow,
-        "lease": lease_shown(status.lease),
+        "lease": status.lease,
     }
-
-
-def lease_shown(lease: commands.LeaseHeld | None) -> LeaseHeld | None:
-    """The lease as the bus tells it."""
-    if lease is None:
-        return None
-    return LeaseHeld(
-        owner=lease.owner,
-        rank=lease.rank,
-        since_ns=lease.since_ns,
-        until_ns=lease.until_ns,
-        wanted_by=lease.wanted_by,
-    )

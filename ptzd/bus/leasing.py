@@ -6,8 +6,9 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Awaitable, Callable
 
-from ptzd.bus.messages import LeaseHeld, LeaseReply, LeaseRequest
+from ptzd.bus.messages import LeaseReply, LeaseRequest
 from ptzd.errors import BusError, RequestRefused
+from ptzd.model import LeaseHeld
 
 RENEW_S = 1.0
 """Between two heartbeats; a rig that hears nothing for ``lease.silence_s`` (5 s) gives the head to who waits."""

@@ -7,13 +7,14 @@ ending ``_deg``, times ns since the epoch in ``_ns``; absent means unknown.
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta, Struct
 
 from ptzd.errors import RequestRefused
-from ptzd.model import MIN_BOX_SIDE_PX, Outcome
+from ptzd.model import MIN_BOX_SIDE_PX, FrameRef, LeaseHeld, Outcome, Result
 
 VERSION = "v1"
 IMAGE_ENCODING = "image/jpeg"
@@ -122,18 +123,11 @@ class LogRequest(Incoming, frozen=True):
     action: Literal["list", "rotate"] = "list"
 
 
-class FrameId(Outgoing, frozen=True):
-    """One picture of one stream."""
-
-    seq: int
-    t_capture_ns: int
-
-
 class Accepted(Outgoing, frozen=True):
     """The request is taken on."""
 
     id: str
-    frame: FrameId | None = None
+    frame: FrameRef | None = None
     """The frame the box was taken from."""
     position: int = 0
     """0 = active now, 1… = place in the queue."""
@@ -171,6 +165,9 @@ class LogReference(Outgoing, frozen=True):
     t_ns: int
 
 
+_AS_THEY_ARE = tuple(field.name for field in fields(Result) if field.name not in {"box_ptz", "range_m"})
+
+
 class RoiResult(Outgoing, frozen=True):
     """The one end of a request. Directions are of the calibrated head frame, pan right +, tilt up +."""
 
@@ -194,6 +191,18 @@ class RoiResult(Outgoing, frozen=True):
     sigma_deg: float | None = None
     log: LogReference | None = None
 
+    @classmethod
+    def of(cls, result: Result, log: LogReference | None, *, metric: bool) -> RoiResult:
+        """The message of a result: ranges under the name of their unit, corners as points."""
+        same: Document = {name: getattr(result, name) for name in _AS_THEY_ARE}
+        return cls(
+            **same,
+            box_ptz=tuple(Point(x=x, y=y) for x, y in result.box_ptz),
+            range_m=result.range_m if metric else None,
+            range_baselines=None if metric else result.range_m,
+            log=log,
+        )
+
 
 class CancelReply(Outgoing, frozen=True):
     """What the cancel did."""
@@ -211,18 +220,6 @@ class ControlReply(Outgoing, frozen=True):
     """What the operator's verb did."""
 
     outcome: str
-
-
-class LeaseHeld(Outgoing, frozen=True):
-    """Who has the head for himself."""
-
-    owner: str
-    rank: int
-    since_ns: int
-    until_ns: int
-    """At the latest; sooner when nothing is heard of him."""
-    wanted_by: str = ""
-    """Who asked for it last."""
 
 
 class LeaseReply(Outgoing, frozen=True):

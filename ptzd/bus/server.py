@@ -12,7 +12,7 @@ from typing import Self, cast
 import msgspec
 import zenoh
 
-from ptzd.bus.answers import Answers, ImageHandler, LogHandler, lease_shown
+from ptzd.bus.answers import Answers, ImageHandler, LogHandler
 from ptzd.bus.arrivals import Arrivals
 from ptzd.bus.images import ImagePublisher
 from ptzd.bus.inbound import Inbound
@@ -24,11 +24,9 @@ from ptzd.bus.messages import (
     ControlReply,
     ErrorReply,
     Feedback,
-    FrameId,
     LeaseReply,
     LogReference,
     Plain,
-    Point,
     RoiResult,
     UpdateReply,
     encoding,
@@ -174,8 +172,8 @@ class ZenohBus:
         """
         match command:
             case ReplyAccepted():
-                frame = FrameId(seq=command.frame.seq, t_capture_ns=command.frame.t_capture_ns)
-                self._pending.reply(command.token, Accepted(id=command.id, frame=frame, position=command.position))
+                accepted = Accepted(id=command.id, frame=command.frame, position=command.position)
+                self._pending.reply(command.token, accepted)
             case ReplyRefused():
                 error = ErrorReply(code=command.code, message=command.message, field=command.field)
                 if command.token is not None:
@@ -185,7 +183,7 @@ class ZenohBus:
                 outcome = {"cancel": CancelReply, "update": UpdateReply}.get(leaf, ControlReply)
                 self._pending.reply(command.token, outcome(outcome=command.outcome))
             case ReplyLease():
-                self._pending.reply(command.token, LeaseReply(lease=lease_shown(command.lease)))
+                self._pending.reply(command.token, LeaseReply(lease=command.lease))
             case PublishFeedback():
                 self._publish_feedback(command)
             case PublishResult():
@@ -275,24 +273,7 @@ class ZenohBus:
         self._put(f"roi/{command.id}/feedback", feedback, "Feedback")
 
     def _publish_result(self, command: PublishResult) -> None:
-        result = RoiResult(
-            id=command.id,
-            outcome=command.outcome,
-            reason=command.reason,
-            elapsed_ms=command.elapsed_ms,
-            views=command.views,
-            label=command.label,
-            pan_deg=command.pan_deg,
-            tilt_deg=command.tilt_deg,
-            zoom=command.zoom,
-            hfov_deg=command.hfov_deg,
-            box_ptz=tuple(Point(x=x, y=y) for x, y in command.box_ptz),
-            range_m=command.range_m if self._metric else None,
-            range_baselines=None if self._metric else command.range_m,
-            probability=command.probability,
-            sigma_deg=command.sigma_deg,
-            log=self._log_reference(),
-        )
+        result = RoiResult.of(command, self._log_reference(), metric=self._metric)
         refused = command.outcome in REFUSED
         self._results.put(command.id, msgspec.json.encode(result), self._clock.now_ns(), refused=refused)
         self._put(f"roi/{command.id}/result", result, "RoiResult")

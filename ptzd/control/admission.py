@@ -13,7 +13,7 @@ from ptzd.control.requests import Request
 from ptzd.control.work import seconds
 from ptzd.errors import RequestRefused
 from ptzd.geometry.rig import Rig
-from ptzd.model import MIN_BOX_SIDE_PX, Box, FrameRef
+from ptzd.model import MIN_BOX_SIDE_PX, Box, FrameRef, Region, RegionAsked
 
 SAME_FRAME_NS = 5_000_000
 """A time stamp names the frame at most 5 ms away: a sixth of a frame at 30 fps; clients copy stamps, not clocks."""
@@ -27,16 +27,14 @@ def admit(event: RequestReceived, t_ns: int, memory: Memory, rig: Rig, config: C
     RequestRefused
         With code ``invalid``, ``outside``, ``stale_frame`` or ``no_frame`` and the path of the culprit.
     """
-    check_box(event.box, rig)
-    frame = resolve_frame(event.frame_seq, event.frame_t_capture_ns, memory, t_ns, config)
+    region = find_region(event, t_ns, memory, rig, config)
     hold_s = config.lock.hold_s if event.hold_s is None else event.hold_s
     timeout_s = config.queue.timeout_s if event.timeout_s is None else event.timeout_s
     return Request(
         id=event.id,
         label=event.label,
         priority=event.priority,
-        box=event.box,
-        frame=frame,
+        region=region,
         inverse_range=_inverse_range(event.range_m or config.search.range_m),
         zoom=event.zoom,
         hfov_deg=_check_hfov(event, rig),
@@ -46,6 +44,12 @@ def admit(event: RequestReceived, t_ns: int, memory: Memory, rig: Rig, config: C
         expires_ns=t_ns + seconds(timeout_s),
         by=event.by,
     )
+
+
+def find_region(asked: RegionAsked, t_ns: int, memory: Memory, rig: Rig, config: Config) -> Region:
+    """The region that somebody asked for at ``t_ns``; errors as for :func:`admit`."""
+    check_box(asked.box, rig)
+    return Region(box=asked.box, frame=_frame(asked.frame_seq, asked.frame_t_capture_ns, memory, t_ns, config))
 
 
 def check_box(box: Box, rig: Rig) -> None:
@@ -64,7 +68,7 @@ def check_box(box: Box, rig: Rig) -> None:
         raise RequestRefused("outside", "the box's centre lies outside the fisheye's image circle", "$.box")
 
 
-def resolve_frame(seq: int | None, t_capture_ns: int | None, memory: Memory, t_ns: int, config: Config) -> FrameRef:
+def _frame(seq: int | None, t_capture_ns: int | None, memory: Memory, t_ns: int, config: Config) -> FrameRef:
     """The frame that the box was drawn on; the newest when none is named."""
     if not memory.frames:
         raise RequestRefused("no_frame", "no fisheye frame has arrived yet; try again in a moment", "$.frame")

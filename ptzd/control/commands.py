@@ -1,10 +1,13 @@
-"""What the core wants done. Slow parts answer later with events."""
+"""What the core wants done. Slow parts answer later with events.
+
+A command about a value of the model has that value's fields as its own: flat, as the log writes it.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ptzd.model import MATCH_BUDGET_S, Box, FrameRef, HeadReading, Matcher, Outcome, ViewRef
+from ptzd.model import MATCH_BUDGET_S, FrameRef, HeadReading, LeaseHeld, Matcher, Region, Result, ViewRef
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,13 +37,11 @@ class GrabView(Command):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RunMatch(Command):
-    """Look for a region of a fisheye frame in a view; answered by MatchFinished or MatchFailed."""
+class RunMatch(Command, Region):
+    """Look for a region in a view; answered by MatchFinished or MatchFailed."""
 
     match_id: int
     request_id: str
-    frame: FrameRef
-    box: Box
     view: ViewRef
     inverse_range: tuple[float, float]
     """Interval searched along the arc, in 1/m (1/baseline when not metric)."""
@@ -105,19 +106,6 @@ class ReplyOutcome(Command):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LeaseHeld:
-    """Who has the head for himself."""
-
-    owner: str
-    rank: int
-    since_ns: int
-    until_ns: int
-    """At the latest; sooner when nothing is heard of him."""
-    wanted_by: str = ""
-    """Who asked for it last."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class ReplyLease(Command):
     """Answer a question on the lease."""
 
@@ -138,25 +126,8 @@ class PublishFeedback(Command):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PublishResult(Command):
+class PublishResult(Command, Result):
     """The one end of a request."""
-
-    id: str
-    outcome: Outcome
-    reason: str
-    label: str
-    elapsed_ms: int
-    views: int
-    pan_deg: float | None = None
-    """Calibrated head frame, deg."""
-    tilt_deg: float | None = None
-    zoom: float | None = None
-    hfov_deg: float | None = None
-    box_ptz: tuple[tuple[float, float], ...] = ()
-    range_m: float | None = None
-    """None when unknown or infinitely far."""
-    probability: float | None = None
-    sigma_deg: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

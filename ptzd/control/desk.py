@@ -118,19 +118,18 @@ class Desk:
             unknown = RequestRefused("unknown_id", f"no request {event.id} is active or waiting", "$.id")
             self.refuse_update(event, unknown, told=event.told and event.token is None)
             return None
-        frame_ns, memory, work = event.frame_t_capture_ns, self.memory, self.work
+        memory, work = self.memory, self.work
         try:
-            admission.check_box(event.box, work.rig)
-            frame = admission.resolve_frame(event.frame_seq, frame_ns, memory, work.t_ns, work.config)
+            region = admission.find_region(event, work.t_ns, memory, work.rig, work.config)
         except RequestRefused as refused:
             self.refuse_update(event, refused, told=True)
             return None
         if memory.task is not None and memory.task.request is request:
-            request.newer_box, request.newer_frame = event.box, frame
+            request.newer = region
         else:
-            request.box, request.frame = event.box, frame
-        self._pin(request, frame)
-        work.out.append(cmd.PublishFeedback(id=event.id, step="update", detail={"seq": frame.seq}))
+            request.region = region
+        self._pin(request, region.frame)
+        work.out.append(cmd.PublishFeedback(id=event.id, step="update", detail={"seq": region.frame.seq}))
         if event.token is not None:
             work.out.append(cmd.ReplyOutcome(token=event.token, outcome="updated"))
         return request

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from ptzd.model import Box, FrameRef, HeadLimits, HeadReading, MatchResult, Motion, ViewRef
+from ptzd.model import FrameRef, HeadLimits, HeadReading, MatchResult, Motion, RegionAsked, ViewRef
 
 
 class Device(StrEnum):
@@ -52,15 +52,12 @@ class Event:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RequestReceived(Event):
+class RequestReceived(Event, RegionAsked):
     """Another app asks to look at a box; structurally valid, not yet checked against frame and queue."""
 
     token: int | None
     """Names the query to answer; None for a fire-and-forget put."""
     id: str
-    box: Box
-    frame_seq: int | None = None
-    frame_t_capture_ns: int | None = None
     range_m: tuple[float, float] | None = None
     zoom: ZoomWish = ZoomWish.FIT
     hfov_deg: float | None = None
@@ -89,13 +86,10 @@ class PayloadRefused(Event):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class UpdateReceived(Event):
+class UpdateReceived(Event, RegionAsked):
     """A newer box of the same, moving target."""
 
     id: str
-    box: Box
-    frame_seq: int | None = None
-    frame_t_capture_ns: int | None = None
     token: int | None = None
     """Names the query to answer; None for a put."""
     told: bool = False

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from ptzd.control.events import ZoomWish
-from ptzd.model import Box, FrameRef, HeadReading
+from ptzd.model import Box, FrameRef, HeadReading, Region
 
 
 @dataclass(slots=True, kw_only=True)
@@ -15,8 +15,7 @@ class Request:
     id: str
     label: str
     priority: int
-    box: Box
-    frame: FrameRef
+    region: Region
     inverse_range: tuple[float, float]
     """1/m or 1/baseline, far end first."""
     zoom: ZoomWish
@@ -28,18 +27,26 @@ class Request:
     """To be locked by then."""
     by: str = ""
     """Who asked."""
-    newer_box: Box | None = None
+    newer: Region | None = None
     """The newest update; waits for the look under way, or for the lock to begin."""
-    newer_frame: FrameRef | None = None
     pinned: list[FrameRef] = field(default_factory=list)
     """Frames whose bytes are kept for the request."""
 
+    @property
+    def box(self) -> Box:
+        """What is looked for, px of the fisheye."""
+        return self.region.box
+
+    @property
+    def frame(self) -> FrameRef:
+        """The fisheye frame that the box lies in."""
+        return self.region.frame
+
     def adopt_newest(self) -> bool:
         """Take over the newest update, if one waits."""
-        if self.newer_box is None or self.newer_frame is None:
+        if self.newer is None:
             return False
-        self.box, self.frame = self.newer_box, self.newer_frame
-        self.newer_box = self.newer_frame = None
+        self.region, self.newer = self.newer, None
         return True
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 
-from ptzd.control.commands import PublishResult, PublishStatus, RunMatch
+from ptzd.control.commands import PublishStatus, RunMatch
 from ptzd.control.events import MatchFailed, MatchFinished, RequestReceived
-from ptzd.model import Candidate
+from ptzd.model import Candidate, Result
 
 Json = dict[str, object]
 
@@ -57,26 +58,10 @@ def request_document(request: RequestReceived) -> Json:
     )
 
 
-def result_document(result: PublishResult) -> Json:
+def result_document(result: Result) -> Json:
     """``ptzd.Result``."""
-    return _known(
-        {
-            "id": result.id,
-            "outcome": result.outcome.value,
-            "reason": result.reason,
-            "label": result.label,
-            "elapsed_ms": result.elapsed_ms,
-            "views": result.views,
-            "pan_deg": result.pan_deg,
-            "tilt_deg": result.tilt_deg,
-            "zoom": result.zoom,
-            "hfov_deg": result.hfov_deg,
-            "box_ptz": _points(result.box_ptz),
-            "range_m": result.range_m,
-            "probability": result.probability,
-            "sigma_deg": result.sigma_deg,
-        }
-    )
+    values = {field.name: getattr(result, field.name) for field in fields(Result)}
+    return _known({**values, "outcome": result.outcome.value, "box_ptz": _points(result.box_ptz)})
 
 
 def match_document(match: MatchFinished | MatchFailed, job: RunMatch | None) -> Json:

@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from ptzd.errors import LogError
-from ptzd.log import claims
+from ptzd.log import claims, regions
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 """Of events, commands and settings as they are written; in the metadata ``ptzd.run`` of every file."""
 
 Body = dict[str, object]
@@ -47,7 +47,16 @@ def _stamped_once(name: str, body: Body) -> tuple[str, Body]:
     return name, {field: value for field, value in body.items() if field != "t_ns"}
 
 
-STEPS: Mapping[int, Step] = {1: Step(decision=_claims), 2: Step(decision=_stamped_once)}
+def _regions(name: str, body: Body) -> tuple[str, Body]:
+    """3 to 4: in a snapshot, a request's box and frame are one region, and so are those of its newest update."""
+    return name, {**body, "state": regions.of_requests(body["state"])} if name == "Snapshot" else body
+
+
+STEPS: Mapping[int, Step] = {
+    1: Step(decision=_claims),
+    2: Step(decision=_stamped_once),
+    3: Step(decision=_regions),
+}
 """By the version they start from."""
 
 

@@ -7,7 +7,7 @@ import logging
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
 from ptzd.control.states import State
-from ptzd.model import REFUSED, Outcome
+from ptzd.model import REFUSED, LeaseHeld, Outcome
 
 _log = logging.getLogger("ptzd")
 _GOOD = frozenset({Outcome.LOCKED, Outcome.RELEASED, Outcome.CANCELLED, Outcome.PREEMPTED})
@@ -35,7 +35,7 @@ class Narrator:
         self._since_ns = 0
         self._refusals = 0
         self._moved_ns: int | None = None
-        self._lease: cmd.LeaseHeld | None = None
+        self._lease: LeaseHeld | None = None
 
     def seen(self, t_ns: int, event: ev.Event, commands: list[cmd.Command]) -> None:
         """Look at one step."""
@@ -84,7 +84,7 @@ class Narrator:
             case _:
                 pass
 
-    def _tell_lease(self, lease: cmd.LeaseHeld | None) -> None:
+    def _tell_lease(self, lease: LeaseHeld | None) -> None:
         before, self._lease = self._lease, lease
         if lease is None:
             if before is not None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import jsonschema
@@ -20,7 +21,7 @@ from ptzd.bus.messages import (
     schema,
 )
 from ptzd.errors import RequestRefused
-from ptzd.model import Outcome
+from ptzd.model import Outcome, Result
 
 
 @pytest.mark.parametrize("name", message_types())
@@ -77,3 +78,16 @@ def test_schema_and_decoder_refuse_the_same_ids(text: str):
         assert not jsonschema.Draft202012Validator(schema("RoiRequest")).is_valid(document)
     with pytest.raises(msgspec.ValidationError):
         msgspec.json.decode(msgspec.json.encode(document), type=RoiRequest)
+
+
+def test_a_result_s_message_has_every_field_of_a_result_and_what_the_bus_knows_besides() -> None:
+    result = Result(
+        id="a", outcome=Outcome.LOCKED, reason="held", label="gate", elapsed_ms=4, views=2, pan_deg=1.0, tilt_deg=2.0,
+        zoom=3.0, hfov_deg=4.0, box_ptz=((1.0, 2.0),), range_m=5.0, probability=0.9, sigma_deg=0.1,
+    )  # fmt: skip
+    assert None not in dataclasses.asdict(result).values(), "a field was added: give it a value here"
+    metric, other = (
+        json.loads(msgspec.json.encode(RoiResult.of(result, None, metric=metric))) for metric in (True, False)
+    )
+    assert metric == {**dataclasses.asdict(result), "outcome": "locked", "box_ptz": [{"x": 1.0, "y": 2.0}]}
+    assert {**metric, "range_baselines": metric["range_m"]} == {**other, "range_m": other["range_baselines"]}

@@ -128,9 +128,9 @@ def test_what_is_not_as_its_version_has_it_is_named() -> None:
 
 
 @pytest.mark.usefixtures("present")
-@pytest.mark.parametrize("version", [0, 5, -1])
+@pytest.mark.parametrize("version", [0, migrations.SCHEMA_VERSION + 2, -1])
 def test_a_version_that_never_was_or_is_to_come_is_refused(version: int) -> None:
-    with pytest.raises(LogError, match=f"schema version {version} is not one of 1 to 4"):
+    with pytest.raises(LogError, match=f"schema version {version} is not one of 1 to {migrations.SCHEMA_VERSION};"):
         list(steps_from(version))
     with pytest.raises(LogError, match=f"HeadPolled: schema version {version}"):
         codec.decode_event("HeadPolled", "{}", version)
@@ -153,6 +153,23 @@ def test_when_an_event_was_told_stands_beside_it_since_version_3() -> None:
     assert codec.decode_event("DeviceWell", '{"t_ns": 4, "device": "ptz"}', 2) == DeviceWell(device=Device.PTZ)
     with pytest.raises(LogError, match="unknown field 't_ns'"):
         codec.decode_event("DeviceWell", '{"t_ns": 4, "device": "ptz"}', 3)
+
+
+def test_a_request_of_version_3_has_its_region_and_that_of_its_update() -> None:
+    box, frame = {"x": 1.0, "y": 2.0, "w": 30.0, "h": 40.0}, {"seq": 4, "t_capture_ns": 5}
+    served = {"id": "a", "box": box, "frame": frame, "newer_box": {**box, "x": 7.0}, "newer_frame": {**frame, "seq": 9}}
+    waits = {"id": "b", "box": box, "frame": frame, "newer_box": None, "newer_frame": None}
+    claims = [{"activity": {"activity": "scan", "task": {"request": waits}}}, {"activity": {"activity": "home"}}]
+    state = {"holder": {"activity": {"activity": "lock", "task": {"request": served}}}, "claims": claims}
+    read = codec.decode_event("Snapshot", json.dumps({"state": state}), 3).state
+    first = read["holder"]["activity"]["task"]["request"]
+    assert first == {
+        "id": "a",
+        "region": {"box": box, "frame": frame},
+        "newer": {"box": {**box, "x": 7.0}, "frame": {**frame, "seq": 9}},
+    }
+    assert read["claims"][0]["activity"]["task"]["request"]["newer"] is None
+    assert read["claims"][1] == claims[1]
 
 
 def test_every_version_up_to_this_one_has_its_step() -> None:

@@ -237,7 +237,7 @@ class Lock(Activity, kw_only=True, tag="lock"):
 
     def _follow(self, work: Work) -> Step:
         """Look for the newest box, if one waits."""
-        if self.task.request.newer_box is None:
+        if self.task.request.newer is None:
             return None
         self._adopt_newest(work)
         self.corrections, self.verify_ns = 0, None

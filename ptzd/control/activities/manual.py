@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import ClassVar
 
 from ptzd.control.activities.activity import Activity, Over, Step
-from ptzd.control.commands import LeaseHeld
 from ptzd.control.states import State
 from ptzd.control.work import Work, seconds
+from ptzd.model import LeaseHeld
 
 
 class Manual(Activity, kw_only=True, tag="manual"):
