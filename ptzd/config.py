@@ -194,6 +194,15 @@ class Shadow(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     zoom_units_s: Annotated[float, Meta(gt=0, le=100_000)] = 3500.0
 
 
+class Ranges(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What confirmed locks teach of the scene's ranges."""
+
+    learn: bool = True
+    """Whether they are kept and used; they order the looks and never decide."""
+    half_life_h: Annotated[float, Meta(ge=0.1, le=8760)] = 72.0
+    """A lock counts half as much after each."""
+
+
 class BusSettings(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The Zenoh session."""
 
@@ -242,6 +251,7 @@ class Config(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     lock: Lock = Lock()
     queue: Queue = Queue()
     lease: Lease = Lease()
+    ranges: Ranges = Ranges()
     bus: BusSettings = BusSettings()
     log: LogSettings = LogSettings()
     drift: DriftSettings = DriftSettings()
@@ -253,6 +263,7 @@ WHILE_RUNNING = (
     "lock",
     "home",
     "lease",
+    "ranges",
     "queue.size",
     "queue.timeout_s",
     "log.fisheye_every_n",
@@ -263,7 +274,7 @@ WHILE_RUNNING = (
     "log.min_free_bytes",
 )
 """What a running daemon takes over when it reads its settings again: whole parts, or single keys of a part."""
-CORE_PARTS = ("search", "lock", "home", "queue", "lease")
+CORE_PARTS = ("search", "lock", "home", "queue", "lease", "ranges")
 """Parts that decisions depend on and that may change while they are taken."""
 
 

@@ -11,6 +11,7 @@ from ptzd.control import events as ev
 from ptzd.control.activities.activity import Over
 from ptzd.control.activities.lock import Lock, range_of
 from ptzd.control.activities.scan import Scan
+from ptzd.control.learning import learn
 from ptzd.control.memory import AnyActivity, Claim, Ended, Memory
 from ptzd.control.ranks import Rank
 from ptzd.control.requests import Request, Task
@@ -167,6 +168,8 @@ class Desk:
             raise AssertionError(f"the claim of {claim.owner} has no request to end")
         outcome, reason = as_shadow(claim.task, over.outcome, over.reason)
         self._publish(self._result(claim.task, claim.activity, outcome, reason, over.probability))
+        if isinstance(claim.activity, Lock):
+            learn(self.work, claim.activity, outcome)
         self.work.out.append(cmd.ReleaseFrames(request_id=claim.task.request.id))
 
     def reply(self, token: int | None, outcome: str) -> None:

@@ -17,6 +17,7 @@ from ptzd.control.health import Health
 from ptzd.control.leases import Leases
 from ptzd.control.memory import Memory
 from ptzd.control.operator import Operator
+from ptzd.control.planning.ranges import RangeMap
 from ptzd.control.reception import Reception
 from ptzd.control.states import TRANSITIONS, ImpossibleEvent, State
 from ptzd.control.work import Work
@@ -38,7 +39,7 @@ class Machine:
 
     def __init__(self, rig: Rig, config: Config, memory: Memory | None = None) -> None:
         self._memory = memory = memory or Memory()
-        self._work = work = Work(rig=rig, config=config, head=memory.head)
+        self._work = work = Work(rig=rig, config=config, head=memory.head, ranges=memory.ranges)
         desk = Desk(memory=memory, work=work)
         authority = Authority(memory=memory, work=work, desk=desk)
         self._operator = operator = Operator(memory=memory, work=work, desk=desk, authority=authority)
@@ -89,6 +90,11 @@ class Machine:
     def config(self) -> Config:
         """The settings in force; with a snapshot of the same moment they make a core that goes on."""
         return self._work.config
+
+    @property
+    def ranges(self) -> RangeMap:
+        """What confirmed locks have taught of the scene's ranges, for whoever keeps it."""
+        return self._memory.ranges
 
     def deadline_ns(self) -> int | None:
         """When a DeadlinePassed event is wanted; None when nothing can time out."""

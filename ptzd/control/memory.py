@@ -10,6 +10,7 @@ from ptzd.control.activities.manual import Manual
 from ptzd.control.activities.scan import Scan
 from ptzd.control.activities.stop import Stop
 from ptzd.control.commands import PublishStatus
+from ptzd.control.planning.ranges import RangeMap
 from ptzd.control.requests import Request, Task
 from ptzd.control.states import State
 from ptzd.control.work import HeadState
@@ -68,6 +69,8 @@ class Memory:
     ended: list[Ended] = field(default_factory=list)
     refused: list[Ended] = field(default_factory=list)
     """Puts that were refused: apart, so that a flood of them lets no request's end be forgotten."""
+    ranges: RangeMap = field(default_factory=RangeMap)
+    """How far away things are, as confirmed locks have taught."""
     published: PublishStatus | None = None
     """The status that was told last."""
 

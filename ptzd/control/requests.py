@@ -70,3 +70,5 @@ class Task:
     """Pictures taken for it."""
     missed: list[Missed] = field(default_factory=list)
     """Pictures that a shadow would have taken for it."""
+    alike: bool = False
+    """Other places of its arc looked like it: a lock on one of them might be one on a copy."""

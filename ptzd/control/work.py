@@ -7,6 +7,7 @@ from enum import StrEnum
 
 from ptzd.config import Config
 from ptzd.control import commands as cmd
+from ptzd.control.planning.ranges import RangeMap
 from ptzd.errors import GeometryError
 from ptzd.geometry.rig import Rig
 from ptzd.model import Box, FrameRef, HeadLimits, HeadReading, Motion, ViewRef
@@ -74,6 +75,7 @@ class Work:
     rig: Rig
     config: Config
     head: HeadState
+    ranges: RangeMap
     t_ns: int = 0
     out: list[cmd.Command] = field(default_factory=list)
 

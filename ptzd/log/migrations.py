@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from ptzd.errors import LogError
 from ptzd.log import claims, regions
 
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 """Of events, commands and settings as they are written; in the metadata ``ptzd.run`` of every file."""
 
 Body = dict[str, object]
@@ -52,10 +52,16 @@ def _regions(name: str, body: Body) -> tuple[str, Body]:
     return name, {**body, "state": regions.of_requests(body["state"])} if name == "Snapshot" else body
 
 
+def _without_ranges(settings: Body) -> Body:
+    """4 to 5: locks taught nothing of the scene's ranges."""
+    return {**settings, "ranges": {"learn": False}}
+
+
 STEPS: Mapping[int, Step] = {
     1: Step(decision=_claims),
     2: Step(decision=_stamped_once),
     3: Step(decision=_regions),
+    4: Step(settings=_without_ranges),
 }
 """By the version they start from."""
 

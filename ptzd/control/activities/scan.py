@@ -8,8 +8,11 @@ from msgspec import Struct, field
 
 from ptzd.control.activities.activity import Activity, Failure, Next, Over, Step, out_of_time
 from ptzd.control.activities.lock import Lock
+from ptzd.control.events import ZoomWish
 from ptzd.control.planning.decision import Decision, Thresholds, Verdict, decide
+from ptzd.control.planning.first_look import likeliest_first
 from ptzd.control.planning.neighbourhood import band_rad, neighbourhood
+from ptzd.control.planning.prior import expected_on_arc
 from ptzd.control.planning.views import ScanPlan, plan_views
 from ptzd.control.requests import Request, Task
 from ptzd.control.states import State
@@ -58,8 +61,8 @@ class Scan(Activity, kw_only=True, tag="scan"):
     def begin(self, work: Work) -> Step:
         """Plan the first round and send the head to its first view; over when nothing of the arc can be reached."""
         wish = work.config.search.scan_hfov_deg
-        interval = self.task.request.inverse_range
-        plan = _plan(work, self.task.request, interval, None if wish is None else math.radians(wish))
+        wish_rad = None if wish is None else math.radians(wish)
+        plan = _plan_by_map(work, self.task.request, wish_rad)
         if not plan.views:
             reason = "no part of the region's epipolar arc lies within the head's limits; check limits and range_m"
             return Over(outcome=Outcome.UNREACHABLE, reason=reason)
@@ -151,17 +154,22 @@ class Scan(Activity, kw_only=True, tag="scan"):
             return doubt
         if (found := self._found(decision)) is not None:
             return found
-        if decision.outcome is Verdict.AMBIGUOUS and self.round < work.config.search.max_rounds:
-            closer = self._closer(work, decision)
+        if decision.outcome is Verdict.AMBIGUOUS:
+            self.task.alike |= not decision.against_the_map
+            closer = self._closer(work, decision) if self.round < work.config.search.max_rounds else []
             if closer:
                 self.doubt, self.doubt_probability = decision.reason, decision.probability
                 self._set_out(work, closer)
                 return None
-        return self._refused(decision)
+        by_pictures = self._decide(work, by_map=False) if decision.against_the_map else decision
+        return self._found(by_pictures) or self._refused(decision)
 
-    def _decide(self, work: Work) -> Decision:
+    def _decide(self, work: Work, *, by_map: bool = True) -> Decision:
+        """What the pictures say; the map may doubt a first round, of a closer look they have the last word."""
         results = [(match.view, match.result) for match in self.matches]
-        return decide(results, Thresholds(accept_probability=work.config.search.accept_probability))
+        thresholds = Thresholds(accept_probability=work.config.search.accept_probability)
+        expected = expected_on_arc(work, self.task.request) if by_map and self.round == 1 else None
+        return decide(results, thresholds, None if expected is None else expected.density)
 
     def _found(self, decision: Decision) -> Next | None:
         """Go on to the lock, if the region was recognised."""
@@ -207,11 +215,38 @@ class Scan(Activity, kw_only=True, tag="scan"):
         return views
 
 
-def _plan(work: Work, request: Request, inverse_range: tuple[float, float], hfov_rad: float | None) -> ScanPlan:
+def _plan_by_map(work: Work, request: Request, hfov_rad: float | None) -> ScanPlan:
+    """The plan of the first round: where the scene's ranges are known, the likeliest place first."""
+    expected = expected_on_arc(work, request)
+    if expected is None:
+        return _plan(work, request, request.inverse_range, hfov_rad)
+
+    def plan(interval: tuple[float, float], other_rad: float | None, towards: float | None) -> ScanPlan:
+        return _plan(work, request, interval, hfov_rad if other_rad is None else other_rad, towards)
+
+    return likeliest_first(plan, request.inverse_range, expected, _closest_rad(work, request, hfov_rad))
+
+
+def _closest_rad(work: Work, request: Request, hfov_rad: float | None) -> float:
+    """Narrowest field of view that a look may have: never narrower than what was asked for."""
+    if request.zoom is ZoomWish.KEEP or hfov_rad is not None or work.head.limits is None:
+        return math.inf
+    narrowest = min(work.rig.zoom.zoom_range[1], work.head.limits.zoom[1])
+    asked = math.radians(request.hfov_deg or 0.0)
+    return max(work.rig.zoom.camera_at(narrowest).hfov_rad, asked)
+
+
+def _plan(
+    work: Work,
+    request: Request,
+    inverse_range: tuple[float, float],
+    hfov_rad: float | None,
+    towards: float | None = None,
+) -> ScanPlan:
     limits, present = work.head.limits, work.head.reading
     if limits is None or present is None:
         raise AssertionError("a scan without limits or a position")
-    return plan_views(work.rig, request.box, inverse_range, limits, present, hfov_rad=hfov_rad)
+    return plan_views(work.rig, request.box, inverse_range, limits, present, hfov_rad=hfov_rad, towards=towards)
 
 
 def _poses(plan: ScanPlan) -> list[HeadReading]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from ptzd.model import Candidate, Matcher, MatchResult
@@ -71,6 +71,12 @@ class Decision:
     """The other separate places, best first."""
     reason: str
     """One sentence for a person."""
+    against_the_map: bool = False
+    """The pictures alone would have it found; what is known of the scene's ranges speaks for another place."""
+
+
+Density = Callable[[float], float]
+"""How much likelier an inverse range is by the map of the scene than if nothing were known."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,16 +93,20 @@ class Model:
     blur: float
     hidden: float
 
-    def probability(self, best: Candidate, rival_score: float) -> float:
-        """Chance in (0, 1) that the candidate is within 1° of the region."""
+    def probability(self, best: Candidate, rival_score: float, doubt: float = 0.0, rival_doubt: float = 0.0) -> float:
+        """Chance in (0, 1) that the candidate is within 1° of the region.
+
+        What the map of ranges says enters as log odds, at most 0: against such a place at all, and for its rival.
+        """
         sigma_deg = max(math.degrees(best.sigma_rad), 0.01)
         odds = (
             self.bias
             + self.margin * (best.score - max(rival_score, CHANCE_SCORE))
             + self.blur * math.log10(sigma_deg / 0.05)
             + self.hidden * (1.0 - best.in_view)
+            + doubt
         )
-        return _logistic(odds) * _logistic((best.score - rival_score) / CHANCE_LEAD)
+        return _logistic(odds) * _logistic((best.score - rival_score) / CHANCE_LEAD + rival_doubt)
 
 
 MODELS = {
@@ -109,7 +119,9 @@ right ones but believes scores near chance, which the scenes hardly hold; so the
 ``harris`` is 1.3 lower than fitted: its fit was too confident on the warehouse."""
 
 
-def decide(results: Sequence[tuple[int, MatchResult]], thresholds: Thresholds) -> Decision:
+def decide(
+    results: Sequence[tuple[int, MatchResult]], thresholds: Thresholds, density: Density | None = None
+) -> Decision:
     """Decide where a region is.
 
     Parameters
@@ -118,6 +130,8 @@ def decide(results: Sequence[tuple[int, MatchResult]], thresholds: Thresholds) -
         Index of the view and what the matcher says of it; all of one region and one matcher.
     thresholds : Thresholds
         When to believe.
+    density : callable, optional
+        What the map of the scene's ranges says. It can only make an answer less sure, never one `found`.
 
     Returns
     -------
@@ -135,7 +149,7 @@ def decide(results: Sequence[tuple[int, MatchResult]], thresholds: Thresholds) -
     rival_score = rivals[0].candidate.score if rivals else 0.0
     probability = MODELS[results[0][1].matcher].probability(best.candidate, rival_score)
     outcome, reason = _verdict(probability, best.candidate, rival_score, thresholds)
-    return Decision(
+    decision = Decision(
         outcome=outcome,
         probability=probability,
         best=best.candidate,
@@ -143,6 +157,26 @@ def decide(results: Sequence[tuple[int, MatchResult]], thresholds: Thresholds) -
         rivals=rivals,
         reason=reason,
     )
+    if density is None or outcome is not Verdict.FOUND:
+        return decision
+    return _with_map(decision, MODELS[results[0][1].matcher], thresholds, density)
+
+
+def _with_map(found: Decision, model: Model, thresholds: Thresholds, density: Density) -> Decision:
+    """What was found, less sure where the map expects the target elsewhere."""
+    if found.best is None:
+        return found
+    here = density(found.best.inverse_range)
+    doubt = min(math.log(here), 0.0)
+    chances = [model.probability(found.best, found.rivals[0].candidate.score if found.rivals else 0.0, doubt)]
+    for rival in found.rivals:
+        for_rival = min(math.log(here / density(rival.candidate.inverse_range)), 0.0)
+        chances.append(model.probability(found.best, rival.candidate.score, doubt, for_rival))
+    probability = min(chances)
+    if probability >= thresholds.accept_probability:
+        return replace(found, probability=probability)
+    reason = f"{found.reason}, but {probability:.2f} with what locks have taught of the ranges there"
+    return replace(found, outcome=Verdict.AMBIGUOUS, probability=probability, reason=reason, against_the_map=True)
 
 
 def _logistic(odds: float) -> float:

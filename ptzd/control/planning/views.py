@@ -91,6 +91,7 @@ def plan_views(
     hfov_rad: float | None = None,
     overlap_rad: float = 0.0,
     band_rad: float | None = None,
+    towards: float | None = None,
 ) -> ScanPlan:
     """Return the views that show every direction where the box's target can be.
 
@@ -113,6 +114,8 @@ def plan_views(
         Room kept around the region and the band, on top of both.
     band_rad : float, optional
         How far off the arc the target may be; without it from the rig's uncertainty.
+    towards : float, optional
+        Inverse range where the target is expected: a single view is aimed as near to it as it still shows all.
 
     Raises
     ------
@@ -143,6 +146,8 @@ def plan_views(
     for piece in _pieces(arc):
         cover = _Cover(rig=rig, arc=piece, limits=limits, planes=planes, margin_rad=margin)
         chosen, missed = cover.plan((inscribed - margin) / CANDIDATES_PER_VIEW)
+        if towards is not None and len(chosen.low) == 1 and not missed:
+            chosen = cover.slid(chosen, towards)
         views += [_view(cover, chosen, index, zoom, camera.hfov_rad) for index in range(len(chosen.low))]
         gaps += [cover.interval(*gap) for gap in missed]
         first, last = cover.ends()
@@ -277,6 +282,14 @@ class _Cover:
             if (even.low <= reached[:-1] + _EPSILON_RAD).all() and reached[-1] >= last - _EPSILON_RAD:
                 return even, gaps
         return candidates.take(chosen), gaps
+
+    def slid(self, single: _Aims, towards: float) -> _Aims:
+        """Return the one pose that shows the whole arc, aimed as near to an inverse range as it still does."""
+        first, last = self.ends()
+        angle = min(max(float(self.arc.angle_at(towards)), first), last)
+        tried = self.aims(angle + np.linspace(0.0, 1.0, 2 * CANDIDATES_PER_VIEW + 1) * (0.5 * (first + last) - angle))
+        shows_all = (tried.low <= first + _EPSILON_RAD) & (tried.high >= last - _EPSILON_RAD)
+        return tried.take([int(np.argmax(shows_all))]) if shows_all.any() else single
 
     def ends(self) -> tuple[float, float]:
         """Return the angles along the arc where it begins and ends."""
