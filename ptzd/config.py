@@ -21,6 +21,7 @@ PositiveSeconds = Annotated[float, Meta(gt=0, le=DAY_S)]
 Rate = Annotated[float, Meta(gt=0, le=1000)]
 """Per second."""
 Degrees = Annotated[float, Meta(gt=0, le=360)]
+PositiveSpeed = Annotated[float, Meta(gt=0, le=1000)]
 Pixels = Annotated[int, Meta(ge=16, le=65_535)]
 Size = tuple[Pixels, Pixels]
 Bytes = Annotated[int, Meta(ge=1_000_000, le=1 << 50)]
@@ -108,6 +109,10 @@ class Ptz(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Least time between two moves; 1.0 for cameras of the 214 class, which buffer commands."""
     move_timeout_s: PositiveSeconds = 15.0
     stall_s: PositiveSeconds = 5.0
+    steer_top_deg_s: tuple[PositiveSpeed, PositiveSpeed] | None = None
+    """Fastest continuous pan and tilt, deg/s; without it, what the camera says of its moves."""
+    steer_exponent: Annotated[float, Meta(ge=1, le=4)] = 1.0
+    """Of their speed over the percent asked for: 1 = in proportion (domes), about 2.4 = articulated heads."""
     endless_pan: bool | None = None
     """Whether the head turns on over ±180°; without it, told from the camera's pan limits."""
 

@@ -124,6 +124,26 @@ class HeadReading:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class HeadPose:
+    """A pose in the calibrated head frame, as the key ``pose`` and the pictures tell it."""
+
+    pan_deg: float
+    tilt_deg: float
+    zoom: float
+    """VAPIX zoom units, 1 = widest."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeadSpeed:
+    """How fast a head turns and zooms, in the camera's own sense of its axes."""
+
+    pan_deg_s: float = 0.0
+    tilt_deg_s: float = 0.0
+    zoom_rate: float = 0.0
+    """-1 to 1: share of the fastest zoom, positive to the tele end."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class HeadLimits:
     """Where the head may go, in the camera's own units; ``endless_pan`` heads wrap at ±180°."""
 
@@ -131,6 +151,8 @@ class HeadLimits:
     tilt_deg: tuple[float, float]
     zoom: tuple[float, float]
     endless_pan: bool = False
+    top_deg_s: tuple[float, float] | None = None
+    """Fastest continuous pan and tilt; None: not known."""
 
     def contains(self, reading: HeadReading, tolerance: float = 1e-6) -> bool:
         """Whether the reading lies inside, with a tolerance in the axis' own unit for rounding."""

@@ -12,7 +12,7 @@ from typing import Protocol
 
 from ptzd.control.commands import Command, RunMatch
 from ptzd.control.events import Event, Snapshot
-from ptzd.model import FrameRef, HeadLimits, HeadReading, MatchResult, Motion, ViewRef
+from ptzd.model import FrameRef, HeadLimits, HeadReading, HeadSpeed, MatchResult, Motion, ViewRef
 
 
 class Clock(Protocol):
@@ -82,6 +82,13 @@ class PtzHead(Protocol):
 
         Raises :class:`MoveSuperseded` for a move that a later one replaced, :class:`MoveStalled` when the head rests
         elsewhere or does not arrive in time.
+        """
+        ...
+
+    async def steer(self, speed: HeadSpeed, until_ns: int) -> HeadReading:
+        """Turn and zoom at this speed, and stop when nothing newer has come until then; returns the resting position.
+
+        The stop is the adapter's own: it comes whatever becomes of the caller. Raises as :meth:`move` does.
         """
         ...
 

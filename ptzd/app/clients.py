@@ -6,18 +6,26 @@ from collections.abc import AsyncIterator
 
 import msgspec
 
+from ptzd.bus.by_hand import MoveReply, MoveRequest, PanTilt, PixelPtz, Speed
 from ptzd.bus.client import Client
+from ptzd.bus.fields import BoxPx
 from ptzd.bus.messages import MESSAGES, Feedback, LeaseRequest, Pose, RoiResult, ShadowPose, Status, schema
 from ptzd.model import LeaseHeld
 
 __all__ = [
+    "BoxPx",
     "Client",
     "Feedback",
     "LeaseHeld",
     "LeaseRequest",
+    "MoveReply",
+    "MoveRequest",
+    "PanTilt",
+    "PixelPtz",
     "Pose",
     "RoiResult",
     "ShadowPose",
+    "Speed",
     "Status",
     "message_schema",
     "message_types",

@@ -91,7 +91,7 @@ def write_config(rig: SimRig, folder: Path, *, bus: str, password: str) -> Path:
 
 
 def _config(rig: SimRig, bus: str) -> dict[str, object]:
-    certificate = rig.camera.certificate
+    certificate, profile = rig.camera.certificate, rig.camera.unit.profile
     pinned = {} if certificate is None else {"certificate_sha256": certificate.sha256}
     return {
         "rig": RIG,
@@ -108,6 +108,8 @@ def _config(rig: SimRig, bus: str) -> dict[str, object]:
             "password_file": "password",
             "size_px": list(rig.settings.ptz_size_px),
             "stall_s": STARVED_S,
+            "steer_top_deg_s": [profile.pan.v_max, profile.tilt.v_max],
+            "steer_exponent": profile.continuous_exponent,
             **pinned,
         },
         "bus": {"listen": [bus]},

@@ -10,13 +10,14 @@ import msgspec
 import zenoh
 
 from ptzd.bus.arrivals import Arrival, Handler
+from ptzd.bus.by_hand import MoveReply
 from ptzd.bus.decode import decode
 from ptzd.bus.keys import Keys, request_id_of
 from ptzd.bus.messages import ErrorReply, LogReply, LogRequest, encoding
 from ptzd.bus.pending import BUSY, PendingQueries
 from ptzd.bus.replies import Replies
 from ptzd.bus.results import KeptResults
-from ptzd.control.commands import PublishStatus
+from ptzd.control.commands import PublishStatus, ReplyMove
 from ptzd.errors import PtzdError, RequestRefused
 from ptzd.ports import Clock
 
@@ -234,3 +235,13 @@ def _fields(status: PublishStatus) -> dict[str, object]:
         "shadow": status.shadow,
         "lease": status.lease,
     }
+
+
+def move_shown(move: ReplyMove) -> MoveReply:
+    """What a hand does, as the bus tells it."""
+    if move.pose is None:
+        return MoveReply(
+            pan_deg_s=move.pan_deg_s, tilt_deg_s=move.tilt_deg_s, zoom_rate=move.zoom_rate, slowed_by=move.slowed_by
+        )
+    pose = move.pose
+    return MoveReply(pan_deg=pose.pan_deg, tilt_deg=pose.tilt_deg, zoom=pose.zoom, hfov_deg=move.hfov_deg)

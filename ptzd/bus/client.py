@@ -14,30 +14,26 @@ Whoever cannot use Python needs no more than a Zenoh client and JSON: ``ptzd sch
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import secrets
 from collections.abc import AsyncIterator, Sequence
 from types import TracebackType
-from typing import Literal, Self
+from typing import Literal
 
 import msgspec
 
-from ptzd.bus.asking import ask, ask_one, rigs_alive, rigs_answering
+from ptzd.bus.asking import ask_one
+from ptzd.bus.connection import OperatedConnection
 from ptzd.bus.decode import decode
+from ptzd.bus.fields import BoxPx
 from ptzd.bus.following import Following
-from ptzd.bus.keys import ANY_RIG, Keys, check_id
-from ptzd.bus.leasing import KeptLease, keep
+from ptzd.bus.keys import Keys, check_id
 from ptzd.bus.listening import BusImage, Notice, images, notices
 from ptzd.bus.messages import (
     Accepted,
-    BoxPx,
     CancelReply,
-    ControlReply,
     Empty,
     Feedback,
     FrameName,
-    LeaseReply,
-    LeaseRequest,
     LogReply,
     LogRequest,
     RangeM,
@@ -48,12 +44,10 @@ from ptzd.bus.messages import (
     ZoomTo,
     encoding,
 )
-from ptzd.bus.session import client_config, close_session, open_session
 from ptzd.errors import BusError, RequestRefused
 
 BoxLike = BoxPx | tuple[float, float, float, float]
 """A box, or its x, y, w, h in px of the fisheye picture."""
-Verb = Literal["home", "stop", "hold", "release"]
 ImageKey = Literal["fisheye", "ptz", "overlay"]
 
 RESYNC_S = 2.0
@@ -62,63 +56,14 @@ ENDED_KEPT = 256
 """Requests that have ended and whose result is remembered here."""
 
 
-class Client:
-    """A connection to one rig.
-
-    Parameters
-    ----------
-    connect : sequence of str
-        Zenoh endpoints of the daemon or a router.
-    rig : str or None
-        Name of the rig; None takes the only one alive.
-    prefix : str
-        As in the daemon's settings.
-    config_file : str or None
-        Zenoh JSON5 file with certificates and the like.
-    timeout_s : float
-        How long to wait for the answer to a question, s.
-    """
+class Client(OperatedConnection):
+    """A connection to one rig, as :class:`~ptzd.bus.connection.Connection`."""
 
     def __init__(
         self, connect: Sequence[str], rig: str | None, prefix: str, config_file: str | None, timeout_s: float
     ) -> None:
-        self._connect = tuple(connect)
-        self._rig = rig
-        self._prefix = prefix
-        self._config_file = config_file
-        self._timeout_s = timeout_s
+        super().__init__(connect, rig, prefix, config_file, timeout_s)
         self._following: dict[str, Following] = {}
-
-    @classmethod
-    def open(
-        cls,
-        connect: str | Sequence[str] = "tcp/127.0.0.1:7447",
-        *,
-        rig: str | None = None,
-        prefix: str = "ptzd",
-        config_file: str | None = None,
-        timeout_s: float = 3.0,
-    ) -> Self:
-        """Prepare a client; ``async with`` connects.
-
-        Parameters
-        ----------
-        connect, rig, prefix, config_file, timeout_s
-            See the class.
-        """
-        return cls((connect,) if isinstance(connect, str) else connect, rig, prefix, config_file, timeout_s)
-
-    async def __aenter__(self) -> Self:
-        """Connect.
-
-        Raises
-        ------
-        BusError
-            When nobody listens at the address.
-        """
-        config = client_config(self._connect, self._config_file)
-        self._session = await open_session(config, f"bus: cannot connect to {', '.join(self._connect)}")
-        return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -126,11 +71,7 @@ class Client:
         """Disconnect; requests under way go on without us."""
         for following in self._following.values():
             following.end()
-        await close_session(self._session)
-
-    async def rigs(self) -> list[str]:
-        """Names of the rigs alive, sorted."""
-        return await rigs_alive(self._session, self._prefix, self._timeout_s)
+        await super().__aexit__(kind, error, trace)
 
     async def request(
         self,
@@ -276,47 +217,6 @@ class Client:
         key = (await self._keys()).of_request(request_id, "update")
         self._session.put(key, msgspec.json.encode(update), encoding=encoding("RoiUpdate"), express=True)
 
-    async def control(self, verb: Verb) -> str:
-        """Operator's verb: ``home``, ``stop``, ``hold`` or ``release``; returns what it did.
-
-        A stop by a client that names no rig goes to every rig there, so that nothing need be found out before it.
-        """
-        if verb == "stop" and self._rig is None:
-            with contextlib.suppress(BusError):  # nobody may ask all rigs at once; then the one that is there
-                everywhere = Keys(self._prefix, ANY_RIG).full("control/stop")
-                stopped = await ask(self._session, everywhere, ControlReply, self._timeout_s, Empty())
-                return ", ".join(sorted({reply.outcome for _, reply in stopped}))
-        key = (await self._keys()).full(f"control/{verb}")
-        return (await ask_one(self._session, key, ControlReply, self._timeout_s, Empty())).outcome
-
-    def lease(
-        self, owner: str, *, for_s: float | None = None, rank: int = 0
-    ) -> contextlib.AbstractAsyncContextManager[KeptLease]:
-        """Have the head for oneself while the context lasts; what is asked ``by`` the owner is done meanwhile.
-
-        Parameters
-        ----------
-        owner : str
-            Who, 1 to 64 of ``A-Za-z0-9._-``.
-        for_s : float
-            At most so long, s; default: as long as the rig allows.
-        rank : int
-            0 to 8; a higher one takes the head from a lower one.
-
-        Raises
-        ------
-        RequestRefused
-            On entry: ``leased`` with who has it and how long.
-        """
-        return keep(self.ask_lease, LeaseRequest(owner=owner, for_s=for_s, rank=rank))
-
-    async def ask_lease(self, request: LeaseRequest) -> LeaseReply:
-        """One wish on the lease: take, renew, give, or ask whoever has it; returns the lease as it is then."""
-        check_id(request.owner)
-        decode(msgspec.json.encode(request), LeaseRequest)
-        key = (await self._keys()).full("control/lease")
-        return await ask_one(self._session, key, LeaseReply, self._timeout_s, request)
-
     async def status(self) -> Status:
         """The newest status."""
         return await ask_one(self._session, (await self._keys()).full("status"), Status, self._timeout_s)
@@ -341,19 +241,6 @@ class Client:
         """Pictures as they come; one that is not fetched in time is replaced by the next."""
         async for image in images(self._session, (await self._keys()).full(f"image/{key}")):
             yield image
-
-    async def _keys(self) -> Keys:
-        if self._rig == ANY_RIG:
-            raise RequestRefused("invalid", "rig '*': name one rig; `ptzd ls` lists those alive", "rig")
-        if self._rig is None:
-            alive = await self.rigs()
-            if len(alive) > 1:
-                alive = await rigs_answering(self._session, self._prefix, self._timeout_s) or alive
-            if len(alive) != 1:
-                found = f"there are {', '.join(alive)}; name one" if alive else "no rig is alive there"
-                raise BusError(f"bus: {self._prefix}/* on {', '.join(self._connect)}: {found}")
-            self._rig = alive[0]
-        return Keys(self._prefix, self._rig)
 
     def _follow(self, keys: Keys, request_id: str) -> Following:
         if request_id not in self._following:

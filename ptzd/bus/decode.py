@@ -14,11 +14,22 @@ from typing import TypeVar
 import msgspec
 from msgspec import Struct
 
+from ptzd.bus.by_hand import MoveRequest
+from ptzd.bus.fields import BoxPx
 from ptzd.bus.keys import is_id
-from ptzd.bus.messages import BoxPx, FrameName, LeaseRequest, RangeM, RoiRequest, RoiUpdate, ZoomTo
-from ptzd.control.events import LeaseAsked, LeaseWish, PayloadRefused, RequestReceived, UpdateReceived, ZoomWish
+from ptzd.bus.messages import FrameName, LeaseRequest, RangeM, RoiRequest, RoiUpdate, ZoomTo
+from ptzd.control.events import (
+    LeaseAsked,
+    LeaseWish,
+    MoveAsked,
+    MoveWish,
+    PayloadRefused,
+    RequestReceived,
+    UpdateReceived,
+    ZoomWish,
+)
 from ptzd.errors import RequestRefused
-from ptzd.model import Box
+from ptzd.model import Box, HeadPose
 
 MAX_PAYLOAD_BYTES = 8192
 """Longest message accepted; the session's low-pass filter drops much longer ones before they get here."""
@@ -124,6 +135,58 @@ def lease_event(payload: bytes, token: int | None) -> LeaseAsked | PayloadRefuse
         return refused(named, token, None)
     wish = LeaseWish(asked.wish)
     return LeaseAsked(token=token, wish=wish, owner=asked.owner, rank=asked.rank, for_s=asked.for_s)
+
+
+def move_event(payload: bytes, token: int | None) -> MoveAsked | PayloadRefused:
+    """What came in on ``control/move``."""
+    try:
+        asked = decode(payload, MoveRequest)
+        wish = check_move(asked)
+    except RequestRefused as error:
+        named = RequestRefused(error.code, f"move: {error.message}", error.field)
+        return refused(named, token, None)
+    angles, speed, point, seen = asked.to or asked.by, asked.speed, asked.point, asked.picture
+    return MoveAsked(
+        token=token,
+        owner=asked.owner,
+        wish=wish,
+        pan_deg=angles.pan_deg if angles else 0.0,
+        tilt_deg=angles.tilt_deg if angles else 0.0,
+        point_px=(point.x, point.y) if point else None,
+        box_px=_box(asked.box) if asked.box else None,
+        picture=HeadPose(pan_deg=seen.pan_deg, tilt_deg=seen.tilt_deg, zoom=seen.zoom) if seen else None,
+        pan_deg_s=speed.pan_deg_s if speed else 0.0,
+        tilt_deg_s=speed.tilt_deg_s if speed else 0.0,
+        zoom_rate=speed.zoom_rate if speed else 0.0,
+        hfov_deg=asked.hfov_deg,
+        fill=asked.fill,
+    )
+
+
+def check_move(asked: MoveRequest) -> MoveWish:
+    """Which of the ways to move it is.
+
+    Raises
+    ------
+    RequestRefused
+        None or several, or something that does not go with it.
+    """
+    given = [wish for wish in MoveWish if getattr(asked, wish) is not None]
+    if len(given) != 1:
+        there = " and ".join(given) or "none"
+        raise RequestRefused("invalid", f"expected exactly one of to, by, point, box, speed; there is {there}", "$")
+    (wish,) = given
+    allowed = {
+        MoveWish.SPEED: frozenset[str](),
+        MoveWish.POINT: frozenset({"hfov_deg", "picture"}),
+        MoveWish.BOX: frozenset({"hfov_deg", "picture", "fill"}),
+    }.get(wish, frozenset({"hfov_deg"}))
+    for name in ("hfov_deg", "fill", "picture"):
+        if getattr(asked, name) is not None and name not in allowed:
+            raise RequestRefused("invalid", f"`{name}` does not go with `{wish}`", f"$.{name}")
+    if asked.hfov_deg is not None and asked.fill is not None:
+        raise RequestRefused("invalid", "`hfov_deg` and `fill` both say how far to zoom; give one", "$.fill")
+    return wish
 
 
 def refused(

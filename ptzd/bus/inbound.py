@@ -6,8 +6,10 @@ spelt out: ``ptzd/**`` is somebody looking around and must move nothing.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from ptzd.bus.arrivals import Arrival, Handler
-from ptzd.bus.decode import decode, lease_event, refused, request_event, too_large, update_event
+from ptzd.bus.decode import decode, lease_event, move_event, refused, request_event, too_large, update_event
 from ptzd.bus.intake import EventQueue
 from ptzd.bus.keys import Keys, request_id_of
 from ptzd.bus.messages import Empty
@@ -95,12 +97,19 @@ class Inbound:
 
     def on_lease(self, arrival: Arrival) -> None:
         """``control/lease``: a query or a put."""
-        if not arrival.key.endswith("/control/lease"):
+        self._on_person(arrival, "control/lease", lease_event)
+
+    def on_move(self, arrival: Arrival) -> None:
+        """``control/move``: a query or a put."""
+        self._on_person(arrival, "control/move", move_event)
+
+    def _on_person(self, arrival: Arrival, key: str, read: Callable[[bytes, int | None], Event]) -> None:
+        if not arrival.key.endswith(f"/{key}"):
             self._ignore(arrival)
             return
-        token = self._token(arrival, self._keys.full("control/lease"))
+        token = self._token(arrival, self._keys.full(key))
         if arrival.query is None or token is not None:
-            self._offer(_too_large(arrival) or lease_event(arrival.payload, token), token)
+            self._offer(_too_large(arrival) or read(arrival.payload, token), token)
 
     def _overtake(self) -> None:
         for waiting in self._events.withdraw_requests():

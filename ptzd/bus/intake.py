@@ -6,7 +6,15 @@ import asyncio
 from collections import deque
 from collections.abc import AsyncIterator, Callable
 
-from ptzd.control.events import CancelReceived, ControlReceived, Event, LeaseAsked, RequestReceived, UpdateReceived
+from ptzd.control.events import (
+    CancelReceived,
+    ControlReceived,
+    Event,
+    LeaseAsked,
+    MoveAsked,
+    RequestReceived,
+    UpdateReceived,
+)
 
 REQUESTS = 64
 """Most requests and refusals waiting for the core."""
@@ -36,7 +44,7 @@ class EventQueue:
         if isinstance(event, UpdateReceived):
             self._withdraw_update(event.id)
         lane, room = self._events, REQUESTS
-        if isinstance(event, ControlReceived | LeaseAsked):
+        if isinstance(event, ControlReceived | LeaseAsked | MoveAsked):
             lane, room = self._urgent, URGENT
         elif isinstance(event, CancelReceived):
             # in order, for it must not overtake the request that it takes back

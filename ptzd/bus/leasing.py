@@ -6,6 +6,8 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Awaitable, Callable
 
+from ptzd.bus.by_hand import MoveReply, MoveRequest, PanTilt, PixelPtz, Speed, ViewPose
+from ptzd.bus.fields import BoxPx
 from ptzd.bus.messages import LeaseReply, LeaseRequest
 from ptzd.errors import BusError, RequestRefused
 from ptzd.model import LeaseHeld
@@ -13,14 +15,19 @@ from ptzd.model import LeaseHeld
 RENEW_S = 1.0
 """Between two heartbeats; a rig that hears nothing for ``lease.silence_s`` (5 s) gives the head to who waits."""
 
+STEER_S = 0.1
+"""Between two words of a hand that steers: a head that hears nothing for 0.3 s stands."""
+
 Ask = Callable[[LeaseRequest], Awaitable[LeaseReply]]
+Move = Callable[[MoveRequest], Awaitable[MoveReply]]
 
 
 class KeptLease:
     """A lease that lasts while its context does; see :meth:`ptzd.bus.client.Client.lease`."""
 
-    def __init__(self, ask: Ask, owner: str, held: LeaseHeld) -> None:
+    def __init__(self, ask: Ask, move: Move, owner: str, held: LeaseHeld) -> None:
         self._ask = ask
+        self._move = move
         self._owner = owner
         self._over: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         self.held = held
@@ -29,6 +36,42 @@ class KeptLease:
     async def over(self) -> str:
         """Wait until it is over before it was given back; returns why."""
         return await asyncio.shield(self._over)
+
+    async def go_to(self, pan_deg: float, tilt_deg: float, *, hfov_deg: float | None = None) -> MoveReply:
+        """Point the head at angles of the calibrated head frame; returns at once with where it goes.
+
+        Raises
+        ------
+        RequestRefused
+            ``unreachable`` with the limits; ``lost`` or ``leased`` when the lease is over. The same for all below.
+        """
+        to = PanTilt(pan_deg=pan_deg, tilt_deg=tilt_deg)
+        return await self._move(MoveRequest(owner=self._owner, to=to, hfov_deg=hfov_deg))
+
+    async def go_by(self, pan_deg: float, tilt_deg: float, *, hfov_deg: float | None = None) -> MoveReply:
+        """Turn the head by so much from where it is, or is going."""
+        by = PanTilt(pan_deg=pan_deg, tilt_deg=tilt_deg)
+        return await self._move(MoveRequest(owner=self._owner, by=by, hfov_deg=hfov_deg))
+
+    async def centre(
+        self, x: float, y: float, *, picture: ViewPose | None = None, hfov_deg: float | None = None
+    ) -> MoveReply:
+        """Bring a pixel of the PTZ's picture to the centre; ``picture``: its pose, from the picture's attachment."""
+        point = PixelPtz(x=x, y=y)
+        return await self._move(MoveRequest(owner=self._owner, point=point, picture=picture, hfov_deg=hfov_deg))
+
+    async def frame(
+        self, box: tuple[float, float, float, float], *, picture: ViewPose | None = None, fill: float | None = None
+    ) -> MoveReply:
+        """Centre a rectangle (x, y, w, h, px) of the PTZ's picture and zoom until it fills it."""
+        x, y, w, h = box
+        request = MoveRequest(owner=self._owner, box=BoxPx(x=x, y=y, w=w, h=h), picture=picture, fill=fill)
+        return await self._move(request)
+
+    async def steer(self, pan_deg_s: float = 0.0, tilt_deg_s: float = 0.0, zoom_rate: float = 0.0) -> MoveReply:
+        """Turn and zoom at this speed for 0.3 s: say it again, ten times a second, for as long as it is to last."""
+        speed = Speed(pan_deg_s=pan_deg_s, tilt_deg_s=tilt_deg_s, zoom_rate=zoom_rate)
+        return await self._move(MoveRequest(owner=self._owner, speed=speed))
 
     async def beat(self) -> None:
         """Say that its owner is still there until somebody else says that it is over."""
@@ -46,7 +89,7 @@ class KeptLease:
 
 
 @contextlib.asynccontextmanager
-async def keep(ask: Ask, request: LeaseRequest) -> AsyncIterator[KeptLease]:
+async def keep(ask: Ask, move: Move, request: LeaseRequest) -> AsyncIterator[KeptLease]:
     """Take the lease, renew it while the context lasts, give it back at its end.
 
     Raises
@@ -57,7 +100,7 @@ async def keep(ask: Ask, request: LeaseRequest) -> AsyncIterator[KeptLease]:
     reply = await ask(request)
     if reply.lease is None:
         raise BusError("bus: the rig took the question for a lease and told of none")
-    kept = KeptLease(ask, request.owner, reply.lease)
+    kept = KeptLease(ask, move, request.owner, reply.lease)
     beating = asyncio.ensure_future(kept.beat())
     try:
         yield kept

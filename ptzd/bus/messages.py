@@ -13,43 +13,27 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, Struct
 
+from ptzd.bus.by_hand import MoveReply, MoveRequest
+from ptzd.bus.fields import (
+    END,
+    BoxPx,
+    Counter,
+    Document,
+    Id,
+    Incoming,
+    Label,
+    Metres,
+    Outgoing,
+    Plain,
+    Seconds,
+    Timeout,
+)
 from ptzd.errors import RequestRefused
-from ptzd.model import MIN_BOX_SIDE_PX, FrameRef, LeaseHeld, Outcome, Result
+from ptzd.model import FrameRef, LeaseHeld, Outcome, Result
 
 VERSION = "v1"
 IMAGE_ENCODING = "image/jpeg"
 """Zenoh encoding of pictures; what they show is in the attachment, an ``ImageAttachment``."""
-_END = r"$(?!\n)"
-"""End of a text: Python's ``$`` alone would let a trailing newline through."""
-Id = Annotated[str, Meta(pattern=rf"^[A-Za-z0-9._-]{{1,64}}{_END}", description="1 to 64 of A-Z a-z 0-9 . _ -")]
-Label = Annotated[
-    str, Meta(max_length=64, pattern=rf"^[^\x00-\x1f\x7f-\x9f]*{_END}", description="free text, no control characters")
-]
-Pixel = Annotated[float, Meta(ge=-1e6, le=1e6)]
-Side = Annotated[float, Meta(ge=MIN_BOX_SIDE_PX, le=1e6)]
-Counter = Annotated[int, Meta(ge=0, le=(1 << 63) - 1)]
-Metres = Annotated[float, Meta(gt=0, le=1e9)]
-Seconds = Annotated[float, Meta(ge=0, le=86400, description="s, at most one day")]
-Document = dict[str, Any]
-Plain = float | int | str | bool | None
-Timeout = Annotated[float, Meta(gt=0, le=86400, description="s, at most one day")]
-
-
-class Incoming(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
-    """A message to the daemon."""
-
-
-class Outgoing(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """A message from the daemon."""
-
-
-class BoxPx(Incoming, frozen=True):
-    """Rectangle in the fisheye picture, pixel centres at integers; centre = (x + w/2, y + h/2)."""
-
-    x: Pixel
-    y: Pixel
-    w: Side
-    h: Side
 
 
 class FrameName(Incoming, frozen=True):
@@ -148,7 +132,7 @@ class Feedback(Outgoing, frozen=True):
     id: str
     t_ns: int
     step: str
-    detail: dict[str, Plain] = {}
+    detail: dict[str, Plain] = msgspec.field(default_factory=dict)
 
 
 class Point(Outgoing, frozen=True):
@@ -276,10 +260,10 @@ class Status(Outgoing, frozen=True):
     """Who has the head for himself."""
     shadow: bool = False
     """What is decided moves nothing."""
-    devices: Document = {}
+    devices: Document = msgspec.field(default_factory=dict)
     pose: Pose | None = None
-    log: Document = {}
-    versions: dict[str, str] = {}
+    log: Document = msgspec.field(default_factory=dict)
+    versions: dict[str, str] = msgspec.field(default_factory=dict)
 
 
 class Calibration(Outgoing, frozen=True):
@@ -290,8 +274,8 @@ class Calibration(Outgoing, frozen=True):
     ptz: Document
     head: Document
     rig: Document
-    uncertainty: Document = {}
-    provenance: Document = {}
+    uncertainty: Document = msgspec.field(default_factory=dict)
+    provenance: Document = msgspec.field(default_factory=dict)
 
 
 class ImageAttachment(Outgoing, frozen=True):
@@ -313,8 +297,9 @@ class ImageAttachment(Outgoing, frozen=True):
 MESSAGES: dict[str, type[Struct]] = {
     message.__name__: message
     for message in (
-        RoiRequest, RoiUpdate, LeaseRequest, Empty, LogRequest, Accepted, ErrorReply, Feedback, RoiResult, CancelReply,
-        ControlReply, UpdateReply, LeaseReply, LogReply, Pose, Status, Calibration, ImageAttachment,
+        RoiRequest, RoiUpdate, LeaseRequest, MoveRequest, Empty, LogRequest, Accepted, ErrorReply, Feedback, RoiResult,
+        CancelReply, ControlReply, UpdateReply, LeaseReply, MoveReply, LogReply, Pose, Status, Calibration,
+        ImageAttachment,
     )
 }  # fmt: skip
 
@@ -361,4 +346,4 @@ def _portable(node: Any) -> Any:  # noqa: ANN401 - any JSON
         return {key: _portable(value) for key, value in node.items()}
     if isinstance(node, list):
         return [_portable(value) for value in node]
-    return node.removesuffix(_END) + "$" if isinstance(node, str) and node.endswith(_END) else node
+    return node.removesuffix(END) + "$" if isinstance(node, str) and node.endswith(END) else node

@@ -12,8 +12,9 @@ from typing import Self, cast
 import msgspec
 import zenoh
 
-from ptzd.bus.answers import Answers, ImageHandler, LogHandler
+from ptzd.bus.answers import Answers, ImageHandler, LogHandler, move_shown
 from ptzd.bus.arrivals import Arrivals
+from ptzd.bus.fields import Plain
 from ptzd.bus.images import ImagePublisher
 from ptzd.bus.inbound import Inbound
 from ptzd.bus.intake import EventQueue
@@ -26,7 +27,6 @@ from ptzd.bus.messages import (
     Feedback,
     LeaseReply,
     LogReference,
-    Plain,
     RoiResult,
     UpdateReply,
     encoding,
@@ -43,6 +43,7 @@ from ptzd.control.commands import (
     PublishStatus,
     ReplyAccepted,
     ReplyLease,
+    ReplyMove,
     ReplyOutcome,
     ReplyRefused,
 )
@@ -184,6 +185,8 @@ class ZenohBus:
                 self._pending.reply(command.token, outcome(outcome=command.outcome))
             case ReplyLease():
                 self._pending.reply(command.token, LeaseReply(lease=command.lease))
+            case ReplyMove():
+                self._pending.reply(command.token, move_shown(command))
             case PublishFeedback():
                 self._publish_feedback(command)
             case PublishResult():
@@ -246,6 +249,7 @@ class ZenohBus:
         for declare in (urgent.answer, urgent.listen):
             declare(keys.of_all_requests("cancel"), self._inbound.on_cancel)
             declare(keys.full("control/lease"), self._inbound.on_lease)
+            declare(keys.full("control/move"), self._inbound.on_move)
             for verb in Verb:
                 declare(keys.full(f"control/{verb}"), self._inbound.on_control(verb))
         requests.answer(keys.full("roi"), self._inbound.on_request)

@@ -21,7 +21,9 @@ def _print_json(document: object) -> None:
     print(msgspec.json.encode(document).decode(), flush=True)
 
 
-def _with_client(arguments: argparse.Namespace, work: Callable[[Client], Awaitable[int]]) -> int:
+def with_client(arguments: argparse.Namespace, work: Callable[[Client], Awaitable[int]]) -> int:
+    """Connect as the arguments say, do the work, return its exit code."""
+
     async def run() -> int:
         client = Client.open(
             arguments.connect, rig=arguments.rig, prefix=arguments.prefix, config_file=arguments.bus_config
@@ -61,7 +63,7 @@ def aim(arguments: argparse.Namespace) -> int:
             print(plain(f"{result.id}: {describe(result)}"))
         return 0 if result.outcome in {"locked", "released"} else 1
 
-    return _with_client(arguments, work)
+    return with_client(arguments, work)
 
 
 def _show_step(step: Feedback, *, as_json: bool) -> None:
@@ -117,7 +119,7 @@ def status(arguments: argparse.Namespace) -> int:
         console.print(f"log       {_said(str(now.log.get('file', '–')))}")
         return 0
 
-    return _with_client(arguments, work)
+    return with_client(arguments, work)
 
 
 def lease(arguments: argparse.Namespace) -> int:
@@ -133,7 +135,7 @@ def lease(arguments: argparse.Namespace) -> int:
             print(plain(await kept.over()))
         return 1
 
-    return _with_client(arguments, work)
+    return with_client(arguments, work)
 
 
 def pose_in_words(pose: Pose | ShadowPose) -> str:
@@ -164,7 +166,7 @@ def watch(arguments: argparse.Namespace) -> int:
                 print(plain(line), flush=True)
         return 0
 
-    return _with_client(arguments, work)
+    return with_client(arguments, work)
 
 
 def cancel(arguments: argparse.Namespace) -> int:
@@ -175,7 +177,7 @@ def cancel(arguments: argparse.Namespace) -> int:
         print(plain(f"{arguments.id}: {outcome}"))
         return 0
 
-    return _with_client(arguments, work)
+    return with_client(arguments, work)
 
 
 def control(arguments: argparse.Namespace) -> int:
@@ -185,7 +187,7 @@ def control(arguments: argparse.Namespace) -> int:
         print(plain(await client.control(arguments.command)))
         return 0
 
-    return _with_client(arguments, work)
+    return with_client(arguments, work)
 
 
 def ls(arguments: argparse.Namespace) -> int:
@@ -199,4 +201,4 @@ def ls(arguments: argparse.Namespace) -> int:
             print("\n".join(rigs) or "no rig is alive")
         return 0 if rigs else 1
 
-    return _with_client(arguments, work)
+    return with_client(arguments, work)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from ptzd import __version__
-from ptzd.cli import asking, calibrate, offline, replaying, rig
+from ptzd.cli import asking, by_hand, calibrate, offline, replaying, rig
 from ptzd.model import Box, Matcher
 
 EX_USAGE = 64
@@ -141,6 +141,17 @@ def _add_bus_commands(commands: argparse._SubParsersAction[_Parser]) -> None:
     lease.add_argument("--rank", type=int, default=0, help="0 to 8; a higher one takes the head from a lower one")
     lease.add_argument("--ask", action="store_true", help="only let whoever has it know that you want it")
     lease.set_defaults(run=asking.lease)
+    move = commands.add_parser("move", parents=[common], help="move the head by hand, for whoever has the lease")
+    move.add_argument("owner", help="who has it (`ptzd lease OWNER`, in another terminal)")
+    way = move.add_mutually_exclusive_group(required=True)
+    way.add_argument("--to", type=float, nargs=2, metavar=("PAN", "TILT"), help="to these angles, deg, as in `pose`")
+    way.add_argument("--by", type=float, nargs=2, metavar=("PAN", "TILT"), help="by so much, deg; 0 0 zooms alone")
+    way.add_argument("--point", type=float, nargs=2, metavar=("X", "Y"), help="centre this pixel of the PTZ's picture")
+    way.add_argument("--frame", type=box, metavar="X,Y,W,H", help="and zoom until this rectangle fills it")
+    way.add_argument("--speed", type=float, nargs=3, metavar=("PAN", "TILT", "ZOOM"), help="deg/s, and -1 to 1")
+    move.add_argument("--for", type=float, dest="for_s", default=1.0, metavar="S", help="how long to keep the speed")
+    move.add_argument("--hfov", type=float, metavar="DEG", help="zoom until the picture is so wide")
+    move.set_defaults(run=by_hand.move)
     cancel = commands.add_parser("cancel", parents=[common], help="take a request back")
     cancel.add_argument("id")
     cancel.set_defaults(run=asking.cancel)

@@ -60,10 +60,15 @@ class Authority:
         self.apply(holder.activity.begin(self.work))
 
     def end(self, over: Over) -> None:
-        """The holder's claim is over: what it had set going is dropped, and whoever asked hears of it."""
+        """The holder's claim is over: what it had set going is dropped, and whoever asked hears of it.
+
+        A person whose turn it is has the head at once, since that moves nothing; what else waits is begun by whoever
+        called, when it may.
+        """
         holder, self.memory.holder = self.memory.holder, None
         if holder is None:
             return
+        in_motion = isinstance(holder.activity, Manual) and self.work.head.asked is not None
         if isinstance(holder.activity, Stop):
             self.desk.answer_stops(holder.activity.take_tokens(), over.reason)
         elif not isinstance(holder.activity, Home):
@@ -72,8 +77,11 @@ class Authority:
                 self.desk.end_served(holder, over)
             if not (isinstance(holder.activity, Manual) and holder.activity.stays):
                 self.plan_homing()
-        if over.stop:
+        if over.stop or in_motion:
             self.stop()
+        elif (first := self._next()) is not None and isinstance(first.activity, Manual):
+            self.memory.claims.remove(first)
+            self._begin(first)
 
     def end_request(self, outcome: Outcome, reason: str, probability: float | None = None) -> None:
         """End the request that is being served, if there is one."""
@@ -85,7 +93,7 @@ class Authority:
 
         Whoever has it for himself keeps it.
         """
-        self._set_lease_aside()
+        self.set_lease_aside()
         if self.stop_under_way is None:
             self.end(Over(outcome=outcome, reason=reason))
         for waiting in self.memory.waiting:
@@ -113,7 +121,16 @@ class Authority:
         """A request of whoever has the head goes before his own hand."""
         lease = self.memory.lease
         if lease is not None and lease.owner == by:
-            self._set_lease_aside()
+            self.set_lease_aside()
+
+    def take_back(self, lease: Manual) -> None:
+        """Whoever has the head moves it by hand: the requests of his own are over."""
+        reason = f"{lease.owner} moves the head by hand"
+        for claim in list(self.memory.claims):
+            if claim.task is not None and claim.rank > Rank.LEASE:
+                self.desk.end_waiting(claim.task.request, Outcome.PREEMPTED, reason)
+        self.end_request(Outcome.PREEMPTED, reason)
+        self.take_next()
 
     def end_lease(self, over: Over) -> None:
         """The head is nobody's own any more; a request of his that is being served goes on."""
@@ -138,7 +155,7 @@ class Authority:
 
     def stop(self, token: int | None = None) -> None:
         """Stop the head: that outranks everything, and nothing begins before the camera has confirmed it."""
-        self._set_lease_aside()
+        self.set_lease_aside()
         activity = self.stop_under_way or Stop()
         activity.begin(self.work)
         if token is not None:
@@ -188,7 +205,8 @@ class Authority:
         claims = self.memory.claims
         claims.insert(sum(1 for other in claims if other.rank >= claim.rank), claim)
 
-    def _set_lease_aside(self) -> None:
+    def set_lease_aside(self) -> None:
+        """Whoever has the head for himself waits, until nothing that goes before him has it."""
         holder = self.memory.holder
         if holder is not None and isinstance(holder.activity, Manual):
             self.memory.holder = None

@@ -7,7 +7,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ptzd.model import MATCH_BUDGET_S, FrameRef, HeadReading, LeaseHeld, Matcher, Region, Result, ViewRef
+from ptzd.model import (
+    MATCH_BUDGET_S,
+    FrameRef,
+    HeadPose,
+    HeadReading,
+    HeadSpeed,
+    LeaseHeld,
+    Matcher,
+    Region,
+    Result,
+    ViewRef,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,6 +32,15 @@ class MoveHead(Command):
 
     move_id: int
     target: HeadReading
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SteerHead(Command):
+    """Turn and zoom at this speed until then, unless a newer command comes; at rest answered as a move is."""
+
+    move_id: int
+    speed: HeadSpeed
+    until_ns: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,6 +132,22 @@ class ReplyLease(Command):
     token: int
     lease: LeaseHeld | None
     """As it is now; None: nobody has it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplyMove(Command):
+    """Answer whoever moves the head by hand: what it does now, in the calibrated head frame."""
+
+    token: int
+    pose: HeadPose | None = None
+    """Where it goes; None: it is steered."""
+    hfov_deg: float | None = None
+    pan_deg_s: float = 0.0
+    """How it is steered: slower than asked for near a limit."""
+    tilt_deg_s: float = 0.0
+    zoom_rate: float = 0.0
+    slowed_by: str = ""
+    """Which limit, where one slows it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

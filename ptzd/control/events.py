@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from ptzd.model import FrameRef, HeadLimits, HeadReading, MatchResult, Motion, RegionAsked, ViewRef
+from ptzd.model import Box, FrameRef, HeadLimits, HeadPose, HeadReading, MatchResult, Motion, RegionAsked, ViewRef
 
 
 class Device(StrEnum):
@@ -36,6 +36,16 @@ class LeaseWish(StrEnum):
     RENEW = "renew"
     GIVE = "give"
     ASK = "ask"
+
+
+class MoveWish(StrEnum):
+    """What a person who has the head does with it by hand."""
+
+    TO = "to"
+    BY = "by"
+    POINT = "point"
+    BOX = "box"
+    SPEED = "speed"
 
 
 class ZoomWish(StrEnum):
@@ -126,6 +136,34 @@ class LeaseAsked(Event):
     """Among people, 0 to 8: a higher one takes it from a lower one."""
     for_s: float | None = None
     """How long; None: as long as the settings allow."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MoveAsked(Event):
+    """Whoever has the lease moves the head by hand; angles and rates are of the calibrated head frame."""
+
+    token: int | None
+    """Names the query to answer; None for a put."""
+    owner: str
+    wish: MoveWish
+    pan_deg: float = 0.0
+    """Of ``to`` and ``by``."""
+    tilt_deg: float = 0.0
+    point_px: tuple[float, float] | None = None
+    """With ``point``: a place in the PTZ's picture."""
+    box_px: Box | None = None
+    """With ``box``: a rectangle in the PTZ's picture."""
+    picture: HeadPose | None = None
+    """The pose that the picture of ``point`` or ``box`` was taken at; None: where the head rests now."""
+    pan_deg_s: float = 0.0
+    """Of ``speed``: until the dead man strikes or something newer comes."""
+    tilt_deg_s: float = 0.0
+    zoom_rate: float = 0.0
+    """-1 to 1: share of the fastest zoom, positive to the tele end."""
+    hfov_deg: float | None = None
+    """How wide the picture is to be; None: as it is."""
+    fill: float | None = None
+    """Share of the picture that the box is to fill; None: as the settings say."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -37,6 +37,8 @@ class Health:
     def on_polled(self, event: ev.HeadPolled) -> None:
         """Where the head is."""
         self.work.head.reading, self.work.head.motion = event.reading, event.motion
+        if self.memory.serving and self.memory.holder is not None:
+            self.authority.apply(self.memory.holder.activity.on_reading(self.work))
 
     def on_foreign_motion(self, event: ev.ForeignMotion) -> None:
         """Somebody else moves the head: it is left to them."""
@@ -50,6 +52,7 @@ class Health:
         memory = self.memory
         self.authority.end_request(Outcome.DEVICE_LOST, f"{event.device}: {event.reason}")
         self.authority.leave_home()
+        self.authority.set_lease_aside()
         self.work.abandon()
         memory.serving = False
         if event.device is ev.Device.FISHEYE:

@@ -69,10 +69,10 @@ class Leases:
         )
 
     def _renew(self, event: ev.LeaseAsked) -> None:
-        self._own(event).heard_ns = self.work.t_ns
+        self.own(event).heard_ns = self.work.t_ns
 
     def _give(self, event: ev.LeaseAsked) -> None:
-        self._own(event)
+        self.own(event)
         self.authority.end_lease(Over(reason=f"{event.owner} gave it back"))
         self.authority.take_next()
 
@@ -84,14 +84,16 @@ class Leases:
             raise RequestRefused("invalid", f"{event.owner} has the head already", "$.owner")
         lease.wanted_by = event.owner
 
-    def _own(self, event: ev.LeaseAsked) -> Manual:
-        """The lease of whoever speaks."""
+    def own(self, event: ev.LeaseAsked | ev.MoveAsked) -> Manual:
+        """The lease of whoever speaks; RequestRefused when it is not his."""
         lease = self.memory.lease
         if lease is None:
             message = f"{event.owner} does not have the head any more, nobody has; take it again"
             raise RequestRefused("lost", message, "$.owner")
         if lease.owner != event.owner:
             raise self._held_by(lease)
+        if (over := lease.over(self.work)) is not None:
+            raise RequestRefused("lost", f"{over.reason}; take it again", "$.owner")
         return lease
 
     def _held_by(self, lease: Manual) -> RequestRefused:

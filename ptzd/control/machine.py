@@ -16,6 +16,7 @@ from ptzd.control.desk import Desk
 from ptzd.control.health import Health
 from ptzd.control.leases import Leases
 from ptzd.control.memory import Memory
+from ptzd.control.moves import Moves
 from ptzd.control.operator import Operator
 from ptzd.control.planning.ranges import RangeMap
 from ptzd.control.reception import Reception
@@ -46,13 +47,15 @@ class Machine:
         health = Health(memory=memory, work=work, authority=authority)
         reception = Reception(memory=memory, desk=desk, authority=authority)
         self._answers = answers = Answers(memory=memory, work=work, desk=desk, authority=authority)
+        leases = Leases(memory=memory, work=work, desk=desk, authority=authority)
         self._handlers: dict[type[ev.Event], Callable[[Any], None]] = {
             ev.RequestReceived: reception.on_request,
             ev.PayloadRefused: desk.refuse_payload,
             ev.UpdateReceived: reception.on_update,
             ev.CancelReceived: reception.on_cancel,
             ev.ControlReceived: operator.on_control,
-            ev.LeaseAsked: Leases(memory=memory, work=work, desk=desk, authority=authority).on_asked,
+            ev.LeaseAsked: leases.on_asked,
+            ev.MoveAsked: Moves(memory=memory, work=work, leases=leases, authority=authority).on_asked,
             ev.FrameArrived: health.on_frame,
             ev.HeadReady: health.on_head_ready,
             ev.DeviceLost: health.on_lost,

@@ -99,7 +99,7 @@ class Memory:
         return PublishStatus(
             state=self.state,
             active=self.task.request.id if self.task else None,
-            phase=self.holder.activity.phase_now() if self.task and self.holder else "",
+            phase=self.holder.activity.phase_now() if self.serving and self.holder else "",
             queue=tuple(request.id for request in self.waiting),
             fisheye=self.fisheye,
             ptz=self.ptz,

@@ -75,7 +75,13 @@ class Operator:
         elif isinstance(event, ev.RequestReceived):
             self.desk.refuse(event.token, RequestRefused("stopping", "the daemon is stopping"), event.id)
         elif isinstance(
-            event, ev.CancelReceived | ev.ControlReceived | ev.LeaseAsked | ev.PayloadRefused | ev.UpdateReceived
+            event,
+            ev.CancelReceived
+            | ev.ControlReceived
+            | ev.LeaseAsked
+            | ev.MoveAsked
+            | ev.PayloadRefused
+            | ev.UpdateReceived,
         ):
             self.desk.refuse(event.token, RequestRefused("stopping", "the daemon is stopping"))
         if self.authority.stop_under_way is None:

@@ -85,17 +85,19 @@ def _table() -> Table:
             ev.CancelReceived,
             ev.ControlReceived,
             ev.LeaseAsked,
+            ev.MoveAsked,
             ev.ForeignMotion,
             ev.HeadStopped,
             ev.DeadlinePassed,
         )
     table |= _stays(SERVING, ev.DeviceWell)
     for state in SERVING:
-        dropped = frozenset({state, State.IDLE} if state in WORKING else {state})
+        dropped = frozenset({state, State.IDLE, State.MANUAL} if state in WORKING else {state})
         table[state, ev.CancelReceived] = dropped
         table[state, ev.ForeignMotion] = dropped | ({State.IDLE} if state is State.HOME else frozenset())
-        table[state, ev.ControlReceived] = frozenset({state, State.HOME, State.IDLE, State.SCAN})
+        table[state, ev.ControlReceived] = frozenset({state, State.HOME, State.IDLE, State.SCAN, State.MANUAL})
         table[state, ev.LeaseAsked] = dropped | {State.IDLE} if state is State.HOME else dropped
+        table[state, ev.MoveAsked] = frozenset({state, State.MANUAL} if state in WORKING else {state})
         table[state, ev.HeadStopped] = frozenset({state})
         table[state, ev.RequestReceived] = dropped | {State.SCAN}
     table[State.IDLE, ev.LeaseAsked] = frozenset({State.IDLE, State.MANUAL, State.SCAN})
@@ -165,6 +167,7 @@ _SPOKEN = {
     ev.CancelReceived: "cancel",
     ev.ControlReceived: "operator",
     ev.LeaseAsked: "lease",
+    ev.MoveAsked: "hand",
     ev.ForeignMotion: "foreign motion",
     ev.HeadArrived: "arrived",
     ev.HeadStalled: "view",

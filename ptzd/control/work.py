@@ -10,7 +10,7 @@ from ptzd.control import commands as cmd
 from ptzd.control.planning.ranges import RangeMap
 from ptzd.errors import GeometryError
 from ptzd.geometry.rig import Rig
-from ptzd.model import Box, FrameRef, HeadLimits, HeadReading, Motion, ViewRef
+from ptzd.model import Box, FrameRef, HeadLimits, HeadReading, HeadSpeed, Motion, ViewRef
 
 GRAB_GUARD_NS = 7_000_000_000
 """On top of the silence after which the stream counts as lost: to connect anew (5 s) and to prove rest (2 s)."""
@@ -103,6 +103,14 @@ class Work:
         self.head.asked = HeadWork(kind=Awaited.MOVE, id=number, until_ns=until)
         self.head.moved_ns = self.t_ns
         self.out.append(cmd.MoveHead(move_id=number, target=target))
+
+    def steer(self, speed: HeadSpeed, until_ns: int) -> None:
+        """Turn and zoom at this speed until then; replaces whatever the head was asked before."""
+        number = self._new_id()
+        answered_ns = until_ns + seconds(self.config.ptz.stall_s) + MOVE_GUARD_NS
+        self.head.asked = HeadWork(kind=Awaited.MOVE, id=number, until_ns=answered_ns)
+        self.head.moved_ns = self.t_ns
+        self.out.append(cmd.SteerHead(move_id=number, speed=speed, until_ns=until_ns))
 
     def grab(self, not_before_ns: int) -> None:
         """Ask for a picture taken at rest at or after this time; after a move, rest before it never counts."""

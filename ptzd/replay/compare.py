@@ -54,6 +54,7 @@ ACROSS_OPENCV = Tolerance(deg=6e-3, absolute=6e-3, relative=1e-2, rivals=False)
 
 KIND: Mapping[type[cmd.Command], tuple[str, ...]] = {
     cmd.MoveHead: ("move_id",),
+    cmd.SteerHead: ("move_id",),
     cmd.GrabView: ("grab_id",),
     cmd.RunMatch: ("match_id", "request_id", "frame"),
     cmd.PinFrame: ("request_id", "frame"),
@@ -61,6 +62,7 @@ KIND: Mapping[type[cmd.Command], tuple[str, ...]] = {
     cmd.ReplyAccepted: ("token", "id", "position"),
     cmd.ReplyRefused: ("token", "code"),
     cmd.ReplyOutcome: ("token", "outcome"),
+    cmd.ReplyMove: ("token", "slowed_by"),
     cmd.PublishFeedback: ("id", "step"),
     cmd.PublishResult: ("id", "outcome"),
     cmd.PublishStatus: ("state", "active", "phase", "queue"),

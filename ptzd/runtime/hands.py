@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine
+from collections.abc import Awaitable, Callable, Coroutine
+from functools import partial
 
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
 from ptzd.errors import DeviceError, PtzdError
+from ptzd.model import HeadReading
 from ptzd.ports import EventLog, MoveStalled, MoveSuperseded, Perception, PictureMissed, PtzHead
 from ptzd.runtime.frames import FrameStore
 
@@ -51,7 +53,10 @@ class Hands:
         """Start a command; returns at once."""
         match command:
             case cmd.MoveHead():
-                self._replace_head_task(self._move(command))
+                self._replace_head_task(self._move(command.move_id, partial(self._head.move, command.target)))
+            case cmd.SteerHead():
+                steer = partial(self._head.steer, command.speed, command.until_ns)
+                self._replace_head_task(self._move(command.move_id, steer))
             case cmd.GrabView():
                 self._replace_head_task(self._grab(command))
             case cmd.StopHead():
@@ -93,10 +98,9 @@ class Hands:
         if error is not None and not self.defect.done():
             self.defect.set_exception(error)
 
-    async def _move(self, command: cmd.MoveHead) -> None:
-        number = command.move_id
+    async def _move(self, number: int, move: Callable[[], Awaitable[HeadReading]]) -> None:
         try:
-            reading = await self._head.move(command.target)
+            reading = await move()
         except MoveSuperseded:
             return
         except MoveStalled as stalled:

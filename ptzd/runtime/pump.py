@@ -96,7 +96,14 @@ class Pump:
                 self._frames.release(command.request_id)
             case cmd.Finished():
                 self.finished.set()
-            case cmd.MoveHead() | cmd.StopHead() | cmd.GrabView() | cmd.RunMatch() | cmd.AbandonMatches():
+            case (
+                cmd.MoveHead()
+                | cmd.SteerHead()
+                | cmd.StopHead()
+                | cmd.GrabView()
+                | cmd.RunMatch()
+                | cmd.AbandonMatches()
+            ):
                 if self.hands is not None:
                     self.hands.perform(command)
             case _:

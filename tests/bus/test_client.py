@@ -8,7 +8,8 @@ from zenoh.handlers import Callback
 
 from ptzd.bus import client as client_module
 from ptzd.bus.client import Client
-from ptzd.bus.messages import BoxPx, Feedback, Pose, RoiResult
+from ptzd.bus.fields import BoxPx
+from ptzd.bus.messages import Feedback, Pose, RoiResult
 from ptzd.bus.server import ZenohBus
 from ptzd.config import BusSettings
 from ptzd.control.commands import PublishFeedback, ReplyAccepted

@@ -7,19 +7,8 @@ import jsonschema
 import msgspec
 import pytest
 
-from ptzd.bus.messages import (
-    MESSAGES,
-    Accepted,
-    BoxPx,
-    FrameName,
-    Incoming,
-    Outgoing,
-    RoiRequest,
-    RoiResult,
-    encoding,
-    message_types,
-    schema,
-)
+from ptzd.bus.fields import BoxPx, Incoming, Outgoing
+from ptzd.bus.messages import MESSAGES, Accepted, FrameName, RoiRequest, RoiResult, encoding, message_types, schema
 from ptzd.errors import RequestRefused
 from ptzd.model import Outcome, Result
 

@@ -67,7 +67,7 @@ class World:
         self.told_ns: list[int] = []
         self.done: list[cmd.Command] = []
         self.reading = HeadReading(pan_deg=0.0, tilt_deg=0.0, zoom=1.0)
-        self.limits = HeadLimits(pan_deg=(-170, 170), tilt_deg=(-80, 80), zoom=(1, 9999))
+        self.limits = HeadLimits(pan_deg=(-170, 170), tilt_deg=(-80, 80), zoom=(1, 9999), top_deg_s=(100, 90))
         self.score = 0.95
         self.texture = 9.0
         self.silent: set[type[cmd.Command]] = set()
@@ -155,6 +155,17 @@ class World:
             case cmd.MoveHead():
                 assert self.limits.contains(command.target)
                 self._head_answer = self._answer(0.8, ev.HeadArrived, move_id=command.move_id, reading=command.target)
+            case cmd.SteerHead():
+                lasts_s = (command.until_ns - self.t_ns) / 1e9
+                reading, speed = self.reading, command.speed
+                self.reading = HeadReading(
+                    pan_deg=reading.pan_deg + lasts_s * speed.pan_deg_s,
+                    tilt_deg=reading.tilt_deg + lasts_s * speed.tilt_deg_s,
+                    zoom=reading.zoom + lasts_s * 3000 * speed.zoom_rate,
+                )
+                self._head_answer = self._answer(
+                    lasts_s + 0.3, ev.HeadArrived, move_id=command.move_id, reading=self.reading
+                )
             case cmd.StopHead():
                 self._head_answer = None
                 self._answer(0.1, ev.HeadStopped)

@@ -15,7 +15,7 @@ from ptzd.control.activities.stop import STOP_GUARD_NS
 from ptzd.control.machine import Machine
 from ptzd.control.states import TRANSITIONS, WORKING, State
 from ptzd.control.work import MATCH_GUARD_NS
-from ptzd.model import Box, FrameRef, HeadLimits, HeadReading, Motion, ViewRef
+from ptzd.model import Box, FrameRef, HeadLimits, HeadPose, HeadReading, Motion, ViewRef
 
 HOME = HeadReading(pan_deg=0.0, tilt_deg=0.0, zoom=1.0)
 BOX = Box(x=330, y=230, w=40, h=32)
@@ -28,7 +28,7 @@ PEOPLE = ("desk", "gate")
 def plain(kind: type[ev.Event], t_ns: int) -> ev.Event:
     """One event of a kind, of which the core expects nothing."""
     frame = FrameRef(seq=1, t_capture_ns=t_ns)
-    limits = HeadLimits(pan_deg=(-170, 170), tilt_deg=(-80, 80), zoom=(1, 9999))
+    limits = HeadLimits(pan_deg=(-170, 170), tilt_deg=(-80, 80), zoom=(1, 9999), top_deg_s=(100, 90))
     fields: dict[type[ev.Event], dict[str, object]] = {
         ev.RequestReceived: {"token": 9, "id": "new", "box": BOX},
         ev.PayloadRefused: {"token": 9, "code": "invalid", "message": "no", "field": "$"},
@@ -36,6 +36,7 @@ def plain(kind: type[ev.Event], t_ns: int) -> ev.Event:
         ev.CancelReceived: {"token": 9, "id": "a"},
         ev.ControlReceived: {"token": 9, "verb": ev.Verb.STOP},
         ev.LeaseAsked: {"token": 9, "wish": ev.LeaseWish.TAKE, "owner": "somebody"},
+        ev.MoveAsked: {"token": 9, "wish": ev.MoveWish.TO, "owner": "somebody"},
         ev.FrameArrived: {"frame": frame},
         ev.HeadReady: {"limits": limits, "reading": HOME},
         ev.DeviceLost: {"device": ev.Device.PTZ, "reason": "no answer"},
@@ -75,7 +76,7 @@ class Life:
         self.lent: dict[str, str] = {}
         self.heard_ns = self.until_ns = 0
         self.answered: dict[int, int] = {}
-        self.head: cmd.MoveHead | cmd.GrabView | None = None
+        self.head: cmd.MoveHead | cmd.SteerHead | cmd.GrabView | None = None
         self.matches: dict[int, tuple[int, cmd.RunMatch]] = {}
         self.stop_sent_ns: int | None = None
         self.stands = False
@@ -158,6 +159,27 @@ class Life:
             )
         )
 
+    def _hand(self) -> None:
+        """Somebody moves the head by hand, whether he has it or not."""
+        wish = self.pick(list(ev.MoveWish))
+        shown = HeadPose(pan_deg=self.pick([0.0, 30.0]), tilt_deg=-5.0, zoom=self.pick([1.0, 3000.0]))
+        self.tell(
+            ev.MoveAsked(
+                token=self.pick([None, self._token()]),
+                owner=self.pick(PEOPLE),
+                wish=wish,
+                pan_deg=self.pick([5.0, -60.0, 179.0]),
+                tilt_deg=self.pick([2.0, -100.0]),
+                point_px=(self.pick([100.0, 630.0, 700.0]), 200.0) if wish is ev.MoveWish.POINT else None,
+                box_px=self.pick([BOX, replace(BOX, x=630)]) if wish is ev.MoveWish.BOX else None,
+                picture=self.pick([None, shown]),
+                pan_deg_s=self.pick([0.0, 20.0, -90.0, 200.0]),
+                tilt_deg_s=self.pick([0.0, 10.0]),
+                zoom_rate=self.pick([0.0, 1.0, -0.5]),
+                hfov_deg=self.pick([None, None, 10.0, 170.0]),
+            )
+        )
+
     def _answer(self) -> None:
         """What is due: a match, else the head."""
         if self.matches and self.pick([True, False]):
@@ -171,6 +193,9 @@ class Life:
         if isinstance(head, cmd.MoveHead):
             self.world.reading = head.target
             self.tell(ev.HeadArrived(move_id=head.move_id, reading=head.target))
+        elif isinstance(head, cmd.SteerHead):
+            self.t_ns = max(self.t_ns, head.until_ns)
+            self.tell(ev.HeadArrived(move_id=head.move_id, reading=self.world.reading))
         elif isinstance(head, cmd.GrabView):
             self.tell(ev.ViewTaken(grab_id=head.grab_id, view=self._view()))
         elif self.stop_sent_ns is not None:
@@ -178,7 +203,7 @@ class Life:
 
     def _head_fails(self) -> None:
         head, self.head = self.head, None
-        if isinstance(head, cmd.MoveHead):
+        if isinstance(head, cmd.MoveHead | cmd.SteerHead):
             self.tell(ev.HeadStalled(move_id=head.move_id, reading=HOME, reason="blocked"))
         elif isinstance(head, cmd.GrabView):
             if self.pick([True, False]):
@@ -290,11 +315,8 @@ class Life:
 
     def _note(self, command: cmd.Command, event: ev.Event) -> None:
         match command:
-            case cmd.MoveHead():
-                assert self.limits.contains(command.target)
-                assert self.stop_sent_ns is None, "nothing moves before a stop is confirmed"
-                assert not self.stands, "nothing moves after an operator's stop"
-                assert self.machine.state is not State.STOPPED
+            case cmd.MoveHead() | cmd.SteerHead():
+                self._check_motion(command, event)
                 self.head = command
             case cmd.GrabView():
                 self.head = command
@@ -319,10 +341,21 @@ class Life:
                 assert command.elapsed_ms >= 0
             case cmd.ReplyRefused(token=None):
                 pass
-            case cmd.ReplyAccepted() | cmd.ReplyRefused() | cmd.ReplyOutcome() | cmd.ReplyLease():
+            case cmd.ReplyAccepted() | cmd.ReplyRefused() | cmd.ReplyOutcome() | cmd.ReplyLease() | cmd.ReplyMove():
                 self.answered[command.token] = self.answered.get(command.token, 0) + 1
             case _:
                 pass
+
+    def _check_motion(self, command: cmd.MoveHead | cmd.SteerHead, event: ev.Event) -> None:
+        assert self.stop_sent_ns is None, "nothing moves before a stop is confirmed"
+        assert not self.stands or isinstance(event, ev.MoveAsked), "nothing moves after an operator's stop"
+        assert self.machine.state is not State.STOPPED
+        if isinstance(command, cmd.MoveHead):
+            assert self.limits.contains(command.target)
+        else:
+            assert self.status.lease is not None, "only whoever has the head steers it"
+            assert self.machine.state is State.MANUAL
+            assert command.until_ns - self.t_ns <= 0.3 * SECOND_NS, "a speed ends by itself"
 
     def _owner(self) -> str | None:
         lease = self.status.lease
@@ -334,9 +367,11 @@ class Life:
             self.by[event.id] = event.by
         new = [command for command in commands if isinstance(command, cmd.PublishStatus)]
         after = before if not new else None if new[-1].lease is None else new[-1].lease.owner
-        if before is not None and after == before and not isinstance(event, ev.LeaseAsked):
+        if before is not None and after == before and not isinstance(event, ev.LeaseAsked | ev.MoveAsked):
             asked = [command for command in commands if isinstance(command, cmd.MoveHead)]
             active = (new[-1] if new else self.status).active
+            if active is None:  # it may begin and end at once, when its time is over
+                active = next((told.id for told in commands if isinstance(told, cmd.PublishFeedback)), None)
             assert not asked or self.by[active] in {before, self.lent.get(active)}, "only what he asked for moves"
             if active is not None:
                 self.lent[active] = before
@@ -345,6 +380,14 @@ class Life:
         refused = any(isinstance(command, cmd.ReplyRefused) for command in commands)
         if isinstance(event, ev.LeaseAsked) and event.owner == after and not refused:
             self.heard_ns = self.t_ns
+        if isinstance(event, ev.MoveAsked):
+            moved = any(isinstance(command, cmd.MoveHead | cmd.SteerHead) for command in commands)
+            assert not moved or event.owner == before, "nobody else's hand moves it"
+            over = any(isinstance(command, cmd.ReplyRefused) and command.code == "lost" for command in commands)
+            if event.owner == after and not over:
+                self.heard_ns = self.t_ns
+        if before is not None and after != before and isinstance(self.head, cmd.SteerHead) and self._serving(event):
+            assert any(isinstance(command, cmd.StopHead) for command in commands), "a hand that lets go stops the head"
         if new and new[-1].lease is not None:
             self.until_ns = new[-1].lease.until_ns
         told = isinstance(event, ev.LeaseAsked) and (event.owner == before or event.rank > 0)
@@ -352,6 +395,9 @@ class Life:
             "a lease ends by its owner, a higher rank, or its time"
         )
         assert after is None or self.machine.state is not State.HOME, "nobody goes home while it is somebody's"
+
+    def _serving(self, event: ev.Event) -> bool:
+        return self.status.ptz == "well" and not isinstance(event, ev.DeviceLost)
 
     def _check_deadline(self) -> None:
         """Armed exactly while something is under way; the only thing besides is going home after a while."""

@@ -17,13 +17,15 @@ LIKELY = ("request", "answer", "answer", "answer", "answer", "answer", "deadline
 UNLIKELY = (
     "well_ptz", "well_fisheye", "lost", "frame", "refused", "update", "cancel", "control", "head_fails", "match_fails",
     "late_answer", "polled", "foreign", "early_deadline", "wait", "start",
-    "settings", "lease", "lease", "lease",
+    "settings", "lease", "lease", "lease", "hand", "hand", "hand", "polled",
 )  # fmt: skip
 ACTIONS = [*LIKELY * 8, *UNLIKELY]
 
 
 @settings(max_examples=120)
 @example(seed=643)
+@example(seed=310)
+@example(seed=31007)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_a_life_of_whatever_may_come(rig, config, new_world, seed: int) -> None:
     chance = random.Random(seed)

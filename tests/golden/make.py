@@ -29,6 +29,7 @@ from ptzd.app.loading import load
 from ptzd.app.loopback import reserved_port
 from ptzd.app.replaying import replay
 from ptzd.app.simulate import DEFAULT_PASSWORD, RIG, write_config
+from ptzd.bus.by_hand import MoveRequest, PanTilt, Speed
 from ptzd.bus.client import Client
 from ptzd.bus.messages import LeaseRequest
 from ptzd.control import commands as cmd
@@ -129,6 +130,21 @@ async def lease(site: Site) -> None:
     await site.client.result("waits", timeout_s=PATIENCE_S)
 
 
+async def hand(site: Site) -> None:
+    """Somebody moves the head by hand and is not heard of again in the middle of it; what waited goes on."""
+    client = site.client
+    await client.ask_lease(LeaseRequest(owner="desk"))
+    await site.until_state("MANUAL")
+    await client.request(box=NEAR, id="waits", hold_s=0.0)
+    with suppress(RequestRefused):
+        await client.move(MoveRequest(owner="desk", to=PanTilt(pan_deg=0.0, tilt_deg=170.0)))
+    for _ in range(5):
+        await client.move(MoveRequest(owner="desk", speed=Speed(pan_deg_s=20.0, tilt_deg_s=-5.0, zoom_rate=0.2)))
+        await asyncio.sleep(0.1)
+    await client.move(MoveRequest(owner="desk", by=PanTilt(pan_deg=-3.0, tilt_deg=2.0), hfov_deg=30.0))
+    await client.result("waits", timeout_s=PATIENCE_S)
+
+
 STORIES: dict[str, Story] = {
     "lock": lock,
     "refusal": refusal,
@@ -136,6 +152,7 @@ STORIES: dict[str, Story] = {
     "device_loss": device_loss,
     "update": update,
     "lease": lease,
+    "hand": hand,
 }
 
 

@@ -29,6 +29,7 @@ OUTCOMES = {
     "device_loss": {"interrupted": "device_lost"},
     "update": {"moving": "locked"},
     "lease": {"interrupted": "preempted", "waits": "locked"},
+    "hand": {"waits": "locked"},
 }
 
 

@@ -97,6 +97,10 @@ class Activity(Struct, kw_only=True, tag_field="activity"):
         """A newer box waits in the request."""
         return GOES_ON
 
+    def on_reading(self, work: Work) -> Step:
+        """The camera reported where the head is."""
+        return GOES_ON
+
     def on_time(self, work: Work) -> Step:
         """Time has passed: whatever is due by ``work.t_ns``."""
         return GOES_ON

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from ptzd.control.activities.activity import Activity, Over, Step
+from ptzd.control.activities.activity import Activity, Failure, Over, Step
+from ptzd.control.planning.by_hand import within_limits
 from ptzd.control.states import State
 from ptzd.control.work import Work, seconds
-from ptzd.model import LeaseHeld
+from ptzd.model import HeadReading, HeadSpeed, LeaseHeld
+
+DEAD_MAN_S = 0.3
+"""A speed lasts no longer without a newer word."""
+SLOWED_SHARE = 0.1
+"""Near a limit the camera is told of a slower speed in steps of this share."""
 
 
 class Manual(Activity, kw_only=True, tag="manual"):
@@ -24,10 +30,66 @@ class Manual(Activity, kw_only=True, tag="manual"):
     wanted_by: str = ""
     stays: bool = False
     """After an operator's stop: the head does not go home either when it is over."""
+    doing: str = ""
+    """``moving``, ``steering``, why the last move failed, or nothing."""
+    target: HeadReading | None = None
+    """Where it goes."""
+    wanted: HeadSpeed | None = None
+    """The speed that was asked for last."""
+    sent: HeadSpeed | None = None
+    """The speed that the camera was told."""
+    steered_until_ns: int = 0
 
     def begin(self, work: Work) -> Step:
         """Nothing is asked of the head; also after a stop or a request of his own."""
+        self.doing, self.target, self.wanted, self.sent = "", None, None, None
         return self.on_time(work)
+
+    def phase_now(self) -> str:
+        """See `Activity`."""
+        return self.doing
+
+    def go(self, work: Work, target: HeadReading) -> None:
+        """Move there; replaces what his hand did before."""
+        work.move(target)
+        self.doing, self.target, self.wanted, self.sent = "moving", target, None, None
+
+    def steer(self, work: Work, wanted: HeadSpeed) -> tuple[HeadSpeed, str]:
+        """Turn at this speed for :data:`DEAD_MAN_S`; returns what the limits leave of it, and which."""
+        self.doing, self.target, self.wanted = "steering", None, wanted
+        self.steered_until_ns = work.t_ns + seconds(DEAD_MAN_S)
+        return self._send(work, wanted)
+
+    def on_reading(self, work: Work) -> Step:
+        """On the way to a limit the speed falls."""
+        if self.wanted is not None and self.sent is not None and work.t_ns < self.steered_until_ns:
+            limits, reading = work.head.limits, work.head.reading
+            if limits is not None and reading is not None:
+                granted, _ = within_limits(limits, reading, self.wanted)
+                if _much_slower(granted, self.sent):
+                    self._send(work, self.wanted)
+        return None
+
+    def on_arrived(self, work: Work) -> Step:
+        """It rests."""
+        del work
+        self.doing, self.target, self.wanted, self.sent = "", None, None, None
+        return None
+
+    def on_failed(self, work: Work, failure: Failure) -> Step:
+        """He is told why, and may try something else."""
+        del work
+        self.doing, self.target, self.wanted, self.sent = failure.reason, None, None, None
+        return None
+
+    def _send(self, work: Work, wanted: HeadSpeed) -> tuple[HeadSpeed, str]:
+        limits, reading = work.head.limits, work.head.reading
+        granted, slowed_by = wanted, ""
+        if limits is not None and reading is not None:
+            granted, slowed_by = within_limits(limits, reading, wanted)
+        self.sent = granted
+        work.steer(granted, self.steered_until_ns)
+        return granted, slowed_by
 
     def until_ns(self, work: Work) -> int:
         """When it is over if nothing more is heard."""
@@ -54,3 +116,12 @@ class Manual(Activity, kw_only=True, tag="manual"):
     def wakes_ns(self, work: Work) -> int | None:
         """See `Activity`."""
         return self.until_ns(work)
+
+
+def _much_slower(granted: HeadSpeed, sent: HeadSpeed) -> bool:
+    pairs = (
+        (granted.pan_deg_s, sent.pan_deg_s),
+        (granted.tilt_deg_s, sent.tilt_deg_s),
+        (granted.zoom_rate, sent.zoom_rate),
+    )
+    return any(abs(now) < (1 - SLOWED_SHARE) * abs(before) for now, before in pairs)

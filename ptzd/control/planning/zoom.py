@@ -11,7 +11,7 @@ from ptzd.control.requests import Request
 from ptzd.geometry.rig import Rig
 from ptzd.geometry.sphere import bearing
 from ptzd.geometry.types import Array
-from ptzd.model import Candidate, HeadLimits
+from ptzd.model import Candidate, HeadLimits, HeadReading
 
 SAFE_SHARE = 0.1
 """The zoom follows the first move at once when three sigma of the place are under a tenth of the final picture."""
@@ -52,8 +52,16 @@ def _filling_hfov(rig: Rig, request: Request, place: Candidate, present: float) 
     rotated = rays[valid] @ rig.head_from_fisheye_rotation.T
     directions: Array = rotated + place.inverse_range * rig.head_from_fisheye_translation
     target = rig.aim(bearing(place.pan_rad, place.tilt_rad), present)
+    return hfov_around(rig, directions, target, request.fill)
+
+
+def hfov_around(rig: Rig, directions: Array, target: HeadReading, fill: float) -> float:
+    """Field of view, rad, in which directions ``(k, 3)`` of the head frame span this share of the narrower side.
+
+    Around ``target``, which points at their middle.
+    """
     in_camera = directions @ rig.head_from_camera(target)
     slopes = np.abs(in_camera[:, :2] / in_camera[:, 2:])
     width, height = rig.zoom.size_px
     half = max(float(slopes[:, 0].max()), float(slopes[:, 1].max()) * width / height)
-    return 2 * math.atan(half / request.fill)
+    return 2 * math.atan(half / fill)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from ptzd.config import Limits, Ptz
@@ -65,7 +65,10 @@ async def read_capabilities(client: CameraClient, settings: Ptz, limits: Limits)
     attributes = await _optional(client, requests.attributes(settings.camera), Attributes())
     return Capabilities(
         device=_device(device, parameters),
-        limits=common_limits(camera_limits, limits, settings.endless_pan),
+        limits=replace(
+            common_limits(camera_limits, limits, settings.endless_pan),
+            top_deg_s=settings.steer_top_deg_s or _twice(attributes.max_speed_deg_s),
+        ),
         hfov_deg=camera_limits.hfov_deg,
         attributes=attributes,
         speed=speed,
@@ -198,6 +201,11 @@ def _picture(parameters: Parameters, settings: Ptz) -> list[str]:
     if sizes and size not in sizes.split(","):
         found.append(f"Properties.Image.Resolution lacks {size} of ptz.size_px; it has {sizes}")
     return found
+
+
+def _twice(speed_deg_s: float | None) -> tuple[float, float] | None:
+    """What a camera says of its moves goes for both axes."""
+    return None if speed_deg_s is None else (speed_deg_s, speed_deg_s)
 
 
 def _is_true(value: str | None) -> bool:

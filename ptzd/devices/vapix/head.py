@@ -21,10 +21,11 @@ from ptzd.devices.vapix.feed import Feed, supervise
 from ptzd.devices.vapix.mover import Mover
 from ptzd.devices.vapix.poller import Poller
 from ptzd.devices.vapix.poses import PoseRing, Stillness
+from ptzd.devices.vapix.steering import Steering
 from ptzd.devices.vapix.stream import ViewStream
 from ptzd.devices.vapix.witness import MotionWitness
 from ptzd.errors import ConfigError, DeviceError, DeviceLost, DeviceRefused
-from ptzd.model import HeadLimits, HeadReading, Motion, ViewRef
+from ptzd.model import HeadLimits, HeadReading, HeadSpeed, Motion, ViewRef
 from ptzd.ports import Clock, HeadPoll, Picture
 
 LOGGER = logging.getLogger(__name__)
@@ -103,6 +104,7 @@ class VapixHead:
         self._stream = ViewStream(settings, self._client, clock, jitter)
         self._witness = MotionWitness(self._client, self._poses, clock, settings.camera, jitter)
         self._mover = Mover(settings, self._client, self._poller, self._poses, clock, stillness)
+        self._steering = Steering(settings, self._client, self._mover, self._poller, self._poses, clock)
         self._tasks: list[asyncio.Task[None]] = []
 
     async def __aenter__(self) -> Self:
@@ -122,6 +124,7 @@ class VapixHead:
                         await self._mover.stop()
         finally:
             await self._halt(DeviceLost("the daemon let go of the camera"))
+            await self._steering.close()
             await self._mover.close()
             await self._client.__aexit__(kind, error, trace)
 
@@ -153,6 +156,7 @@ class VapixHead:
         except ConfigError as error:
             raise DeviceRefused(str(error)) from None
         self._note(capabilities)
+        await self._steering.stop_what_turns()
         self._poses.reset()
         polls, pictures = self._poller.feed, self._stream.feed
         polls.open()
@@ -203,6 +207,18 @@ class VapixHead:
         if self.capabilities is None:
             raise DeviceLost("not connected; describe() comes first")
         return await self._mover.move(target, self.capabilities.limits)
+
+    async def steer(self, speed: HeadSpeed, until_ns: int) -> HeadReading:
+        """Turn and zoom until then unless something newer comes; returns where the head rests afterwards.
+
+        Raises
+        ------
+        MoveSuperseded, MoveStalled, DeviceError
+            As of :meth:`move`.
+        """
+        if self.capabilities is None:
+            raise DeviceLost("not connected; describe() comes first")
+        return await self._steering.steer(speed, until_ns, self.capabilities.limits.top_deg_s)
 
     async def stop(self) -> None:
         """Stop all axes; returns when the camera took both stops and its reports show rest."""

@@ -1,12 +1,13 @@
 """One writer of motion: latest wins, one request in flight, arrival proven by reports.
 
-Only absolute moves and stops are ever sent, never a continuous move: a head that nobody talks to any more comes to rest
-at its last target by itself.
+An absolute move comes to rest by itself when nobody talks to the head any more; a continuous one does not, so it is
+only ever sent by a :class:`~ptzd.devices.vapix.steering.Steering`, whose dead man stops it.
 """
 
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 
 from ptzd.config import Ptz
 from ptzd.devices.vapix import requests
@@ -62,6 +63,8 @@ class Mover:
         self._writing = asyncio.Lock()
         self._writes: set[asyncio.Task[None]] = set()
         self._sent_s = -1e9
+        self.taken: Callable[[], None] = _nothing
+        """Called when the camera took an absolute move or stops: what was steered is over."""
         self.under_way = False
         """Whether a move was sent whose end is not known."""
 
@@ -83,19 +86,20 @@ class Mover:
             raise MoveStalled(
                 latest.reading, f"{shown(target)} is outside the limits {_shown_limits(limits)}; nothing sent"
             )
-        ticket = self._take_ticket()
+        ticket = self.take_ticket()
         patience_s = self._patience_s(latest.reading, target)
-        await self._write(requests.absolute_move(self._settings.camera, target), ticket)
+        await self.write(requests.absolute_move(self._settings.camera, target), ticket)
+        self.taken()
         with self._poller.eagerly():
             return await self._arrival(ticket, target, limits, patience_s)
 
     async def stop(self) -> None:
         """As :meth:`ptzd.ports.PtzHead.stop`."""
-        ticket = self._take_ticket()
+        ticket = self.take_ticket()
         loop = asyncio.get_running_loop()
         end_s = loop.time() + self._settings.stall_s + self._proof_s
         while True:
-            await self._send_stops(end_s)
+            await self.send_stops(end_s)
             again_s = loop.time() + self._proof_s + STOP_AGAIN_S
             count = self._poller.feed.count
             while loop.time() < again_s:
@@ -108,42 +112,46 @@ class Mover:
             if loop.time() > end_s:
                 raise DeviceRefused(f"{self._client.origin}: the head still moves though it was told to stop")
 
-    async def _send_stops(self, end_s: float) -> None:
+    async def send_stops(self, end_s: float, ticket: int | None = None) -> None:
         """Both stops, again and again until the camera took them or the time is over.
 
+        With a ticket, only while it is the latest.
         An attempt that fails after the camera was connected anew says nothing of the new connection: one more is made.
         """
         while True:
             connection = self._poller.feed.openings
             try:
                 for request in requests.stops(self._settings.camera):
-                    await self._write(request, None)
+                    await self.write(request, ticket, spaced=False)
             except DeviceLost:
                 late = asyncio.get_running_loop().time() >= end_s
                 if late and connection == self._poller.feed.openings:
                     raise
                 await asyncio.sleep(RETRY_S)
             else:
+                self.taken()
                 return
 
-    def _take_ticket(self) -> int:
+    def take_ticket(self) -> int:
+        """The right to move; whoever had it before has it no more."""
         self._ticket += 1
         return self._ticket
 
-    def _check_ticket(self, ticket: int | None) -> None:
+    def check_ticket(self, ticket: int | None) -> None:
+        """MoveSuperseded unless the ticket is the latest; without one, nothing."""
         if ticket is not None and ticket != self._ticket:
             raise MoveSuperseded("a later move or a stop took its place")
 
-    async def _write(self, request: Request[None], ticket: int | None) -> None:
+    async def write(self, request: Request[None], ticket: int | None, *, spaced: bool = True) -> None:
         """Send in the order of the calls; a caller who is cancelled leaves no request that overtakes the next one."""
-        task = asyncio.create_task(self._write_in_turn(request, ticket))
+        task = asyncio.create_task(self._write_in_turn(request, ticket, spaced=spaced))
         self._writes.add(task)
         task.add_done_callback(self._written)
         try:
             await asyncio.shield(task)
         except asyncio.CancelledError:
             if ticket == self._ticket:
-                self._take_ticket()  # a move that still waits for its turn is not sent any more
+                self.take_ticket()  # a move that still waits for its turn is not sent any more
             raise
 
     def _written(self, task: asyncio.Task[None]) -> None:
@@ -151,13 +159,13 @@ class Mover:
         if not task.cancelled():
             task.exception()
 
-    async def _write_in_turn(self, request: Request[None], ticket: int | None) -> None:
+    async def _write_in_turn(self, request: Request[None], ticket: int | None, *, spaced: bool) -> None:
         loop = asyncio.get_running_loop()
         async with self._writing:
-            self._check_ticket(ticket)
-            if ticket is not None:
+            self.check_ticket(ticket)
+            if spaced:
                 await asyncio.sleep(self._sent_s + self._settings.move_spacing_s - loop.time())
-                self._check_ticket(ticket)
+                self.check_ticket(ticket)
                 self._sent_s = loop.time()
                 self.under_way = True
             commanded_ns = self._clock.now_ns()
@@ -172,7 +180,7 @@ class Mover:
         end_s, count = loop.time() + patience_s, self._poller.feed.count
         while True:
             count, poll = await self._poller.feed.after(count)
-            self._check_ticket(ticket)
+            self.check_ticket(ticket)
             rest = self._poses.rest
             if rest is not None and self._reached(rest.mean, target, limits):
                 self.under_way = False
@@ -211,6 +219,10 @@ class Mover:
         angle_deg = max(abs(target.pan_deg - start.pan_deg), abs(target.tilt_deg - start.tilt_deg))
         way_s = max(angle_deg / SLOWEST_DEG_S, abs(target.zoom - start.zoom) / SLOWEST_ZOOM_S)
         return min(self._settings.move_timeout_s, self._proof_s + way_s + STALL_REST_S + MARGIN_S)
+
+
+def _nothing() -> None:
+    """Nobody steers."""
 
 
 def shown(reading: HeadReading) -> str:

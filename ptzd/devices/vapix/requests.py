@@ -11,6 +11,7 @@ from typing import Generic, Literal, TypeVar
 
 from ptzd.devices.vapix import answers
 from ptzd.devices.vapix.answers import Attributes, CameraLimits, DeviceInfo, Parameters, Reply, SystemState
+from ptzd.devices.vapix.speeds import SpeedForm
 from ptzd.model import HeadReading
 
 T = TypeVar("T")
@@ -81,6 +82,15 @@ def absolute_move(camera: int, target: HeadReading) -> Request[None]:
         ("zoom", str(round(target.zoom))),
     )
     return Request(path=PTZ, params=params, parse=answers.accepted, timeout_s=COMMAND_TIMEOUT_S)
+
+
+def continuous_move(camera: int, percents: tuple[float, float, float], form: SpeedForm) -> Request[None]:
+    """Turn and zoom at these percents of the fastest until told otherwise."""
+    pan, tilt, zoom = (form.text(percent) for percent in percents)
+    params = [("camera", str(camera)), ("continuouspantiltmove", f"{pan},{tilt}"), ("continuouszoommove", zoom)]
+    if form.unproportional:
+        params.append(("proportionalspeed", "disabled"))
+    return Request(path=PTZ, params=tuple(params), parse=answers.accepted, timeout_s=COMMAND_TIMEOUT_S, attempts=1)
 
 
 def stops(camera: int) -> tuple[Request[None], ...]:

@@ -16,7 +16,7 @@ from ptzd.devices.vapix.head import LATENCY_S, REST_S, VapixHead
 from ptzd.devices.vapix.mover import shown
 from ptzd.devices.vapix.poses import offset_of
 from ptzd.errors import DeviceLost
-from ptzd.model import HeadLimits, HeadReading, Motion, ViewRef
+from ptzd.model import HeadLimits, HeadReading, HeadSpeed, Motion, ViewRef
 from ptzd.ports import Clock, HeadPoll, MoveSuperseded, Picture, PictureMissed
 
 USUAL_SPEED_DEG_S = 100.0
@@ -61,6 +61,33 @@ class Way:
         return (pan, angles), (tilt, angles), (zoom, (self.zoom_units_s, self.zoom_units_s / ZOOM_START_S))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Turn:
+    """Steered: at one speed until the dead man strikes."""
+
+    start: HeadReading
+    speed: HeadSpeed
+    t_ns: int
+    """When it begins."""
+    until_ns: int
+    zoom_units_s: float
+    """At the fastest zoom."""
+
+    @property
+    def seconds(self) -> float:
+        """How long it lasts."""
+        return max(self.until_ns - self.t_ns, 0) / 1e9
+
+    def at(self, t_ns: int) -> HeadReading:
+        """Where the head would be."""
+        after_s, start, speed = min(max(t_ns - self.t_ns, 0) / 1e9, self.seconds), self.start, self.speed
+        return HeadReading(
+            pan_deg=math.remainder(start.pan_deg + after_s * speed.pan_deg_s, 360.0),
+            tilt_deg=start.tilt_deg + after_s * speed.tilt_deg_s,
+            zoom=start.zoom + after_s * speed.zoom_rate * self.zoom_units_s,
+        )
+
+
 def _seconds(distance: float, speed: float, acceleration: float) -> float:
     if distance * acceleration < speed * speed:
         return 2.0 * math.sqrt(distance / acceleration)
@@ -97,7 +124,7 @@ class ShadowHead:
         self._shadow = shadow
         self._clock = clock
         self._endless = False
-        self._way: Way | None = None
+        self._way: Way | Turn | None = None
 
     async def describe(self) -> HeadLimits:
         """As the camera says; the imagined head begins where the real one stands, and goes on from where it was."""
@@ -115,6 +142,17 @@ class ShadowHead:
         if way is not self._way:
             raise MoveSuperseded("a later move or a stop took its place")
         return target
+
+    async def steer(self, speed: HeadSpeed, until_ns: int) -> HeadReading:
+        """Be turned until then; nothing is sent."""
+        here, now_ns = self._now(), self._clock.now_ns()
+        way = self._way = Turn(
+            start=here, speed=speed, t_ns=now_ns, until_ns=until_ns, zoom_units_s=self._shadow.zoom_units_s
+        )
+        await asyncio.sleep(way.seconds + REST_S)
+        if way is not self._way:
+            raise MoveSuperseded("a later move or a stop took its place")
+        return way.at(until_ns)
 
     async def stop(self) -> None:
         """The imagined head stands at once; nothing is sent."""

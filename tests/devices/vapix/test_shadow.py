@@ -13,8 +13,9 @@ from ptzd.config import Limits, Ptz, Shadow
 from ptzd.devices.vapix import requests
 from ptzd.devices.vapix.head import VapixHead
 from ptzd.devices.vapix.shadow import ShadowHead, Way
+from ptzd.devices.vapix.speeds import SPEED_FORMS
 from ptzd.errors import DeviceRefused
-from ptzd.model import HeadReading
+from ptzd.model import HeadReading, HeadSpeed
 from ptzd.ports import MoveSuperseded, PictureMissed
 from ptzd.runtime.clock import SteadyClock
 from ptzd.sim.head import MoveTo
@@ -63,6 +64,7 @@ def test_a_longer_way_takes_longer(one, other) -> None:
     [
         (requests.absolute_move(1, HeadReading(pan_deg=0, tilt_deg=0, zoom=1)), True),
         *((stop, True) for stop in requests.stops(1)),
+        *((requests.continuous_move(1, (5.0, 0.0, 0.0), form), True) for form in SPEED_FORMS),
         (requests.Request(path=requests.PTZ, params=(("gotoserverpresetname", "Gate"),), parse=str), True),
         (requests.Request(path=requests.PTZ, params=(("autofocus", "on"),), parse=str), True),
         (requests.Request(path="/axis-cgi/com/ptzconfig.cgi", params=(("setserverpresetname", "A"),), parse=str), True),
@@ -114,6 +116,9 @@ async def test_it_goes_and_arrives_and_the_camera_hears_of_nothing(stage) -> Non
     assert all(abs(poll.camera.pan_deg) < 0.1 for poll in seen)
     with pytest.raises(PictureMissed, match=r"the camera stands at pan -?0\.00°.*not at pan 20\.00°"):
         await head.grab(0)
+    turned = await head.steer(HeadSpeed(pan_deg_s=-10.0, zoom_rate=1.0), SteadyClock().now_ns() + SECOND_NS // 5)
+    assert turned.pan_deg == pytest.approx(18.0, abs=0.1)
+    assert turned.zoom > 1000.0
     first = asyncio.create_task(head.move(HeadReading(pan_deg=-20.0, tilt_deg=0.0, zoom=1.0)))
     await asyncio.sleep(0)
     await head.stop()
