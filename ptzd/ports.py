@@ -13,6 +13,7 @@ from typing import Protocol
 from ptzd.control.commands import Command, RunMatch
 from ptzd.control.events import Event, Snapshot
 from ptzd.model import FrameRef, HeadLimits, HeadReading, HeadSpeed, MatchResult, Motion, ViewRef
+from ptzd.outgoing import ImageAttachment, Pose
 
 
 class Clock(Protocol):
@@ -148,11 +149,11 @@ class Bus(Protocol):
         """Reply or publish; returns at once."""
         ...
 
-    def publish(self, key: str, document: dict[str, object]) -> None:
-        """Put a JSON document under the rig's prefix (``pose``, ``status`` with more than the core knows)."""
+    def publish_pose(self, pose: Pose) -> None:
+        """Tell where the head looks; returns at once."""
         ...
 
-    def publish_image(self, key: str, jpeg: bytes, attachment: dict[str, object]) -> None:
+    def publish_image(self, key: str, jpeg: bytes, attachment: ImageAttachment) -> None:
         """Offer a picture: sent only if somebody listens, latest wins, never waits."""
         ...
 

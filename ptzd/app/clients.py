@@ -9,8 +9,9 @@ import msgspec
 from ptzd.bus.by_hand import MoveReply, MoveRequest, PanTilt, PixelPtz, Speed
 from ptzd.bus.client import Client
 from ptzd.bus.fields import BoxPx
-from ptzd.bus.messages import MESSAGES, Feedback, LeaseRequest, Pose, RoiResult, ShadowPose, Status, schema
+from ptzd.bus.messages import MESSAGES, Feedback, LeaseRequest, RoiResult, Status, schema
 from ptzd.model import LeaseHeld
+from ptzd.outgoing import Pose, ShadowPose
 
 __all__ = [
     "BoxPx",

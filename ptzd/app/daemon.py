@@ -233,7 +233,7 @@ def _status_extra(log: McapLog, daemon: Daemon | None) -> Mapping[str, object]:
         "fisheye_losses": fisheye.health.lost_since_start,
         "ptz_losses": daemon.head_watch.health.lost_since_start,
     }
-    return extra if pose is None else {**extra, "pose": daemon.pose_document(pose)}
+    return extra if pose is None else {**extra, "pose": daemon.pose(pose)}
 
 
 def _log_handler(log: McapLog, daemon: Daemon) -> LogHandler:

@@ -19,11 +19,12 @@ from ptzd.bus.replies import Replies
 from ptzd.bus.results import KeptResults
 from ptzd.control.commands import PublishStatus, ReplyMove
 from ptzd.errors import PtzdError, RequestRefused
+from ptzd.outgoing import ImageAttachment, Pose
 from ptzd.ports import Clock
 
 LogHandler = Callable[[Literal["list", "rotate"]], Awaitable[Sequence[str]]]
 """Does what a query on ``log`` asks; returns the closed files, oldest first."""
-ImageHandler = Callable[[str], Awaitable[tuple[bytes, Mapping[str, object]] | None]]
+ImageHandler = Callable[[str], Awaitable[tuple[bytes, ImageAttachment] | None]]
 """Newest JPEG of ``image/fisheye``, ``image/ptz`` or ``image/overlay`` with its attachment; None when there is none."""
 
 MOST_RESULTS = 256
@@ -70,10 +71,8 @@ class Answers:
         self._tasks: set[asyncio.Task[None]] = set()
         self.status: PublishStatus | None = None
         """The core's latest word."""
-        self.more: dict[str, object] = {}
-        """Fields of the status published by others than the core."""
         self.calibration: Mapping[str, object] | None = None
-        self.pose: Mapping[str, object] | None = None
+        self.pose: Pose | None = None
         """As last published."""
         self.log_handler: LogHandler | None = None
         self.image_handler: ImageHandler | None = None
@@ -81,7 +80,7 @@ class Answers:
     def status_document(self) -> dict[str, object]:
         """The status as of now; the core's fields win over others of the same name."""
         core: dict[str, object] = {"state": "STARTING"} if self.status is None else _fields(self.status)
-        return {**self._status_extra(), **self.more, **core, "t_ns": self._clock.now_ns()}
+        return {**self._status_extra(), **core, "t_ns": self._clock.now_ns()}
 
     def on_status(self, arrival: Arrival) -> None:
         """``status``: the newest."""

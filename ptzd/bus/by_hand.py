@@ -6,7 +6,8 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from ptzd.bus.fields import BoxPx, Id, Incoming, Outgoing, Pixel
+from ptzd.bus.fields import BoxPx, Id, Incoming, Pixel
+from ptzd.outgoing import Outgoing
 
 
 class PanTilt(Incoming, frozen=True):

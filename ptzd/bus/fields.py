@@ -1,4 +1,4 @@
-"""What messages are made of: the two roots, and fields that several of them have."""
+"""What messages are made of: the root of those that come in, and fields that several of them have."""
 
 from __future__ import annotations
 
@@ -26,10 +26,6 @@ Timeout = Annotated[float, Meta(gt=0, le=86400, description="s, at most one day"
 
 class Incoming(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """A message to the daemon."""
-
-
-class Outgoing(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """A message from the daemon."""
 
 
 class BoxPx(Incoming, frozen=True):

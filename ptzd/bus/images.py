@@ -10,6 +10,7 @@ import zenoh
 
 from ptzd.bus.keys import IMAGE_KEYS, Keys
 from ptzd.bus.messages import IMAGE_ENCODING
+from ptzd.outgoing import ImageAttachment
 
 
 class ImagePublisher:
@@ -27,7 +28,7 @@ class ImagePublisher:
         self._session = session
         self._keys = keys
         self._publishers: dict[str, zenoh.Publisher] = {}
-        self._waiting: dict[str, tuple[bytes, dict[str, object]]] = {}
+        self._waiting: dict[str, tuple[bytes, ImageAttachment]] = {}
         self._changed = threading.Condition()
         self._closing = False
         self._thread = threading.Thread(target=self._run, name="ptzd-images", daemon=True)
@@ -61,7 +62,7 @@ class ImagePublisher:
         # The stub says bool, the library returns an object that is always true.
         return cast("zenoh.MatchingStatus", self._publishers[key].matching_status).matching
 
-    def offer(self, key: str, jpeg: bytes, attachment: dict[str, object]) -> None:
+    def offer(self, key: str, jpeg: bytes, attachment: ImageAttachment) -> None:
         """Hand over a picture; returns at once."""
         if not self.wanted(key):
             return

@@ -14,8 +14,9 @@ from zenoh.handlers import Callback
 from ptzd.bus.asking import decoded
 from ptzd.bus.inbox import Inbox
 from ptzd.bus.keys import Keys
-from ptzd.bus.messages import Feedback, ImageAttachment, Pose, RoiResult, Status
+from ptzd.bus.messages import Feedback, RoiResult, Status
 from ptzd.errors import BusError
+from ptzd.outgoing import ImageAttachment, Pose
 
 Notice = Status | Pose | Feedback | RoiResult
 NOTICES_WAITING = 1024

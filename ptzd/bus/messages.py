@@ -23,13 +23,13 @@ from ptzd.bus.fields import (
     Incoming,
     Label,
     Metres,
-    Outgoing,
     Plain,
     Seconds,
     Timeout,
 )
 from ptzd.errors import RequestRefused
 from ptzd.model import FrameRef, LeaseHeld, Outcome, Result
+from ptzd.outgoing import ImageAttachment, Outgoing, Pose
 
 VERSION = "v1"
 IMAGE_ENCODING = "image/jpeg"
@@ -219,30 +219,6 @@ class LogReply(Outgoing, frozen=True):
     files: tuple[str, ...]
 
 
-class ShadowPose(Outgoing, frozen=True):
-    """Where the head would look, were it not for the shadow."""
-
-    pan_deg: float
-    tilt_deg: float
-    zoom: float
-
-
-class Pose(Outgoing, frozen=True):
-    """Where the head looks."""
-
-    t_ns: int
-    pan_deg: float
-    tilt_deg: float
-    zoom: float
-    hfov_deg: float | None = None
-    sigma_deg: float | None = None
-    moving: bool = False
-    motion: str = ""
-    """``moving``, ``settling``, ``stable`` or ``unknown``; of the imagined head where there is one."""
-    shadow: ShadowPose | None = None
-    """In shadow mode; all else is where the camera stands."""
-
-
 class Status(Outgoing, frozen=True):
     """The state of the rig."""
 
@@ -276,22 +252,6 @@ class Calibration(Outgoing, frozen=True):
     rig: Document
     uncertainty: Document = msgspec.field(default_factory=dict)
     provenance: Document = msgspec.field(default_factory=dict)
-
-
-class ImageAttachment(Outgoing, frozen=True):
-    """What a JPEG on ``image/…`` shows; w, h in px."""
-
-    seq: int
-    t_capture_ns: int
-    w: int
-    h: int
-    pan_deg: float | None = None
-    tilt_deg: float | None = None
-    zoom: float | None = None
-    hfov_deg: float | None = None
-    moving: bool | None = None
-    motion: str | None = None
-    """As in ``Pose``."""
 
 
 MESSAGES: dict[str, type[Struct]] = {

@@ -6,7 +6,6 @@ A query object that is kept alive keeps the asking app waiting until its own tim
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import msgspec
@@ -15,6 +14,7 @@ from msgspec import Struct
 
 from ptzd.bus.messages import ErrorReply
 from ptzd.bus.replies import Replies
+from ptzd.outgoing import ImageAttachment
 
 BUSY = ErrorReply(code="busy", message="too many messages are waiting; ask again later")
 
@@ -77,7 +77,7 @@ class PendingQueries:
             self._replies.reply(waiting.query, waiting.key, msgspec.json.encode(message), type(message).__name__)
         return waiting is not None
 
-    def reply_image(self, token: int, jpeg: bytes, attachment: Mapping[str, object]) -> bool:
+    def reply_image(self, token: int, jpeg: bytes, attachment: ImageAttachment) -> bool:
         """Answer with a picture, in the form in which it is published; False when the query is no longer waiting."""
         waiting = self._take(token)
         if waiting is not None:

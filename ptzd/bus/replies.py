@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from queue import SimpleQueue
 
 import msgspec
 import zenoh
 
 from ptzd.bus.messages import IMAGE_ENCODING, ErrorReply, encoding
+from ptzd.outgoing import ImageAttachment
 
 LOGGER = logging.getLogger(__name__)
 
@@ -93,7 +94,7 @@ class Replies:
         """Answer on a key with an encoded message."""
         self._lane(key).put(query, lambda query: send_reply(query, key, payload, message))
 
-    def reply_image(self, query: zenoh.Query, key: str, jpeg: bytes, attachment: Mapping[str, object]) -> None:
+    def reply_image(self, query: zenoh.Query, key: str, jpeg: bytes, attachment: ImageAttachment) -> None:
         """Answer with a picture, in the form in which it is published."""
 
         def send(query: zenoh.Query) -> None:

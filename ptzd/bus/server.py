@@ -57,6 +57,7 @@ from ptzd.control.events import (
 )
 from ptzd.control.wording import scaled
 from ptzd.model import REFUSED
+from ptzd.outgoing import ImageAttachment, Pose
 from ptzd.ports import Clock
 
 LOGGER = logging.getLogger(__name__)
@@ -198,17 +199,12 @@ class ZenohBus:
                 message = f"the bus does not perform {type(command).__name__}"
                 raise TypeError(message)
 
-    def publish(self, key: str, document: dict[str, object]) -> None:
-        """Put a JSON document: ``pose``, or further fields of ``status`` (kept and shown from then on)."""
-        if key == "status":
-            self._answers.more = dict(document)
-            self._publish_status()
-        else:
-            if key == "pose":
-                self._answers.pose = document
-            self._put(key, document, key.rpartition("/")[2].capitalize())
+    def publish_pose(self, pose: Pose) -> None:
+        """Tell where the head looks, now and to whoever asks."""
+        self._answers.pose = pose
+        self._put("pose", pose, "Pose")
 
-    def publish_image(self, key: str, jpeg: bytes, attachment: dict[str, object]) -> None:
+    def publish_image(self, key: str, jpeg: bytes, attachment: ImageAttachment) -> None:
         """Offer a picture on ``image/fisheye``, ``image/ptz`` or ``image/overlay``; latest wins, never waits."""
         self._images.offer(key, jpeg, attachment)
 

@@ -7,6 +7,8 @@ import math
 from collections.abc import Callable, Coroutine, Sequence
 from typing import Any
 
+import msgspec
+
 from ptzd.config import Config, core_parts
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
@@ -15,8 +17,10 @@ from ptzd.control.machine import Machine
 from ptzd.control.states import State
 from ptzd.errors import DeviceError
 from ptzd.geometry.rig import Rig
-from ptzd.model import Motion
+from ptzd.model import HeadReading, Motion
+from ptzd.outgoing import Pose, ShadowPose
 from ptzd.ports import Bus, Clock, EventLog, FrameSource, HeadPoll, Perception, PtzHead
+from ptzd.runtime.attachments import hfov_deg
 from ptzd.runtime.frames import FrameStore
 from ptzd.runtime.gallery import Gallery
 from ptzd.runtime.hands import Hands
@@ -157,38 +161,35 @@ class Daemon:
             now_serving, self._serving = self._serving, _nothing
             now_serving()
 
-    def pose_document(self, poll: HeadPoll) -> dict[str, object]:
-        """The pose as the bus key ``pose`` and the log topic ``/pose`` show it: calibrated head frame, deg.
+    def pose(self, poll: HeadPoll) -> Pose:
+        """Where the head looks, for the bus key ``pose`` and the log topic ``/pose``.
 
         Of a shadow it is where the camera stands, with where the imagined head does beside it.
         """
         reading = poll.camera or poll.reading
+        pan_deg, tilt_deg = self._direction_deg(reading)
+        hfov, uncertainty = hfov_deg(self._rig, reading.zoom), self._rig.uncertainty
+        return Pose(
+            t_ns=poll.t_ns,
+            pan_deg=pan_deg,
+            tilt_deg=tilt_deg,
+            zoom=reading.zoom,
+            moving=poll.motion is not Motion.STABLE,
+            motion=poll.motion.value,
+            hfov_deg=None if hfov is None else round(hfov, 4),
+            sigma_deg=0.0 if uncertainty is None else round(math.degrees(uncertainty.head_rad), 4),
+            shadow=None if poll.camera is None else self._shadow(poll.reading),
+        )
+
+    def _shadow(self, reading: HeadReading) -> ShadowPose:
+        pan_deg, tilt_deg = self._direction_deg(reading)
+        return ShadowPose(pan_deg=pan_deg, tilt_deg=tilt_deg, zoom=reading.zoom)
+
+    def _direction_deg(self, reading: HeadReading) -> tuple[float, float]:
         pan, tilt = self._rig.head.pan_tilt_from_vapix(reading)
-        low, high = self._rig.zoom.zoom_range
-        calibrated = low <= reading.zoom <= high
-        hfov = math.degrees(self._rig.zoom.camera_at(reading.zoom).hfov_rad) if calibrated else None
-        uncertainty = self._rig.uncertainty
-        document: dict[str, object] = {
-            "t_ns": poll.t_ns,
-            "pan_deg": round(math.degrees(pan), 4),
-            "tilt_deg": round(math.degrees(tilt), 4),
-            "zoom": reading.zoom,
-            "moving": poll.motion is not Motion.STABLE,
-            "motion": poll.motion.value,
-            "sigma_deg": 0.0 if uncertainty is None else round(math.degrees(uncertainty.head_rad), 4),
-        }
-        if hfov is not None:
-            document["hfov_deg"] = round(hfov, 4)
-        if poll.camera is not None:
-            pan, tilt = self._rig.head.pan_tilt_from_vapix(poll.reading)
-            document["shadow"] = {
-                "pan_deg": round(math.degrees(pan), 4),
-                "tilt_deg": round(math.degrees(tilt), 4),
-                "zoom": poll.reading.zoom,
-            }
-        return document
+        return round(math.degrees(pan), 4), round(math.degrees(tilt), 4)
 
     def _publish_pose(self, poll: HeadPoll) -> None:
-        document = self.pose_document(poll)
-        self._bus.publish("pose", document)
-        self._log.document("/pose", poll.t_ns, document)
+        pose = self.pose(poll)
+        self._bus.publish_pose(pose)
+        self._log.document("/pose", pose.t_ns, msgspec.to_builtins(pose))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ptzd.geometry.rig import Rig
 from ptzd.model import HeadReading, Motion
+from ptzd.outgoing import ImageAttachment
 from ptzd.ports import Bus, Picture
 from ptzd.runtime.attachments import frame_attachment, view_attachment
 from ptzd.runtime.overlays import KEY as OVERLAY
@@ -44,7 +45,7 @@ class Gallery:
         if self._bus.image_wanted(PTZ):
             self._bus.publish_image(PTZ, picture.jpeg, view_attachment(self._rig, picture.frame, reading, motion))
 
-    async def newest(self, key: str) -> tuple[bytes, dict[str, object]] | None:
+    async def newest(self, key: str) -> tuple[bytes, ImageAttachment] | None:
         """JPEG and attachment of ``image/fisheye``, ``image/ptz`` or ``image/overlay``; None while there is none."""
         if key == OVERLAY:
             return await self._overlays.newest()

@@ -16,6 +16,7 @@ from ptzd.errors import DeviceGarbled
 from ptzd.geometry.rig import Rig
 from ptzd.jpeg.pixels import decode_bgr
 from ptzd.model import Candidate, Motion, ViewRef
+from ptzd.outgoing import ImageAttachment
 from ptzd.ports import Bus
 from ptzd.runtime.attachments import view_attachment
 from ptzd.runtime.frames import FrameStore
@@ -78,7 +79,7 @@ class Overlays:
                     self._drawing.add(task)
                     task.add_done_callback(self._drawing.discard)
 
-    async def newest(self) -> tuple[bytes, dict[str, object]] | None:
+    async def newest(self) -> tuple[bytes, ImageAttachment] | None:
         """JPEG and attachment of the last match that found something; None when there is none or it cannot be drawn."""
         shown = self._last
         if shown is None:

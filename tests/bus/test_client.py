@@ -9,13 +9,14 @@ from zenoh.handlers import Callback
 from ptzd.bus import client as client_module
 from ptzd.bus.client import Client
 from ptzd.bus.fields import BoxPx
-from ptzd.bus.messages import Feedback, Pose, RoiResult
+from ptzd.bus.messages import Feedback, RoiResult
 from ptzd.bus.server import ZenohBus
 from ptzd.config import BusSettings
 from ptzd.control.commands import PublishFeedback, ReplyAccepted
 from ptzd.control.events import RequestReceived, UpdateReceived, ZoomWish
 from ptzd.errors import BusError, RequestRefused
 from ptzd.model import Box, FrameRef, Outcome
+from ptzd.outgoing import Pose
 
 PATIENCE_S = 100.0
 BOX = (1.0, 2.0, 30.0, 40.0)
@@ -172,7 +173,7 @@ async def test_watch_tells_everything(bus, client, raw, result):
     first = asyncio.ensure_future(anext(watching))
     await asyncio.sleep(0)  # it declares in its first step
     await client.status()
-    bus.publish("pose", {"t_ns": 1, "pan_deg": 2.0, "tilt_deg": 3.0, "zoom": 1.0})
+    bus.publish_pose(Pose(t_ns=1, pan_deg=2.0, tilt_deg=3.0, zoom=1.0, moving=False, motion="stable"))
     bus.perform(PublishFeedback(id="a", step="state", detail={"state": "SCAN"}))
     bus.perform(result("a"))
     notice = await first

@@ -5,6 +5,7 @@ import threading
 
 from ptzd.bus.images import ImagePublisher
 from ptzd.bus.keys import Keys
+from ptzd.outgoing import ImageAttachment
 
 JPEG = b"\xff\xd8" + bytes(1000) + b"\xff\xd9"
 
@@ -17,13 +18,13 @@ async def known(client) -> None:
 
 async def test_only_who_listens_is_served(bus, client):
     assert not bus.image_wanted("image/fisheye")
-    bus.publish_image("image/fisheye", JPEG, {"seq": 0, "t_capture_ns": 0, "w": 64, "h": 48})
+    bus.publish_image("image/fisheye", JPEG, ImageAttachment(seq=0, t_capture_ns=0, w=64, h=48))
     pictures = client.images("fisheye")
     first = asyncio.ensure_future(anext(pictures))
     await known(client)
     assert bus.image_wanted("image/fisheye")
     assert not bus.image_wanted("image/ptz")
-    bus.publish_image("image/fisheye", JPEG, {"seq": 3, "t_capture_ns": 5, "w": 64, "h": 48, "pan_deg": 1.5})
+    bus.publish_image("image/fisheye", JPEG, ImageAttachment(seq=3, t_capture_ns=5, w=64, h=48, pan_deg=1.5))
     picture = await first
     assert picture.jpeg == JPEG
     assert (picture.attachment.seq, picture.attachment.pan_deg, picture.attachment.zoom) == (3, 1.5, None)
@@ -39,7 +40,7 @@ async def test_a_large_picture_arrives_whole(bus, client):
     await known(client)
     jpeg = bytes(range(256)) * 8000
     while not first.done():  # a busy link may drop a picture; a camera has the next one soon
-        bus.publish_image("image/ptz", jpeg, {"seq": 1, "t_capture_ns": 2, "w": 1, "h": 1})
+        bus.publish_image("image/ptz", jpeg, ImageAttachment(seq=1, t_capture_ns=2, w=1, h=1))
         await asyncio.wait([first], timeout=0.5)
     assert (await first).jpeg == jpeg
     await pictures.aclose()

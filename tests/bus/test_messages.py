@@ -7,10 +7,11 @@ import jsonschema
 import msgspec
 import pytest
 
-from ptzd.bus.fields import BoxPx, Incoming, Outgoing
+from ptzd.bus.fields import BoxPx, Incoming
 from ptzd.bus.messages import MESSAGES, Accepted, FrameName, RoiRequest, RoiResult, encoding, message_types, schema
 from ptzd.errors import RequestRefused
 from ptzd.model import Outcome, Result
+from ptzd.outgoing import Outgoing
 
 
 @pytest.mark.parametrize("name", message_types())

@@ -17,6 +17,7 @@ from ptzd.control.commands import PublishFeedback, PublishStatus, ReplyAccepted,
 from ptzd.control.events import CancelReceived, ControlReceived, PayloadRefused, RequestReceived, UpdateReceived, Verb
 from ptzd.errors import BusError, LogError
 from ptzd.model import Box, FrameRef, Outcome
+from ptzd.outgoing import Pose
 
 GOOD = {"id": "a", "box": {"x": 1, "y": 2, "w": 9, "h": 9}}
 
@@ -258,13 +259,15 @@ STATUS = PublishStatus(
 
 
 async def test_status_joins_what_core_and_shell_know(endpoint, clock):
-    extra = {"versions": {"ptzd": "1"}, "state": "not the shell's business", "log": {"file": "x.mcap"}}
+    extra = {
+        "versions": {"ptzd": "1"}, "state": "not the shell's business", "log": {"file": "x.mcap"},
+        "devices": {"ptz": {"model": "V5915"}},
+    }  # fmt: skip
     async with (
         ZenohBus(BusSettings(listen=(endpoint,)), "hall", clock, status_extra=lambda: extra) as bus,
         Client.open(endpoint, rig="hall", timeout_s=PATIENCE_S) as client,
     ):
         bus.perform(STATUS)
-        bus.publish("status", {"devices": {"ptz": {"model": "V5915"}}})
         status = await client.status()
         assert (status.state, status.active, status.queue, status.ptz) == ("SCAN", "a", ("b",), "refuses: 401")
         assert status.versions == {"ptzd": "1"}
@@ -317,7 +320,7 @@ async def test_pose_and_feedback_have_their_encodings(bus, raw, client):
     subscribers = [raw.declare_subscriber(key, Callback(receive, indirect=False))
                    for key in ("ptzd/hall/pose", "ptzd/hall/roi/*/feedback")]  # fmt: skip
     await client.status()
-    bus.publish("pose", {"t_ns": 1, "pan_deg": 2.0, "tilt_deg": 3.0, "zoom": 1.0})
+    bus.publish_pose(Pose(t_ns=1, pan_deg=2.0, tilt_deg=3.0, zoom=1.0, moving=False, motion="stable"))
     bus.perform(PublishFeedback(id="a", step="view", detail={"index": 2, "certain": True}))
     assert await asyncio.to_thread(both.wait, PATIENCE_S)
     assert str(heard["ptzd/hall/pose"].encoding) == encoding("Pose")

@@ -14,6 +14,7 @@ from ptzd.bus.keys import Keys, check_id
 from ptzd.bus.messages import Feedback, Status, encoding
 from ptzd.control.events import ControlReceived
 from ptzd.errors import BusError, RequestRefused
+from ptzd.outgoing import ImageAttachment
 
 GARBAGE = [b"", b"garbage", b"\xff\xfe", b"[" * 5000, b'{"id":3}', b"null", b"{bad"]
 BAD_NAMES = ["", "a b", "a#b", "a?b", "a/b", "/", "*", "**", "$*", "\x1b[2J", "a\n", "x" * 65, "@a", "\u0430"]
@@ -105,7 +106,7 @@ async def test_pictures_go_on_over_garbage_beside_them(bus, client, raw) -> None
         for payload in (*GARBAGE, None):
             raw.put("ptzd/hall/image/fisheye", b"\xff\xd8", attachment=payload)
         while not seen.done():
-            bus.publish_image("image/fisheye", b"good", {"seq": 1, "t_capture_ns": 2, "w": 3, "h": 4})
+            bus.publish_image("image/fisheye", b"good", ImageAttachment(seq=1, t_capture_ns=2, w=3, h=4))
             await client.status()
     assert seen.result().jpeg == b"good"
 

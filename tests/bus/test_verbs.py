@@ -10,8 +10,9 @@ import pytest
 import zenoh
 from zenoh.handlers import Callback
 
-from ptzd.bus.messages import IMAGE_ENCODING, ImageAttachment, Pose, UpdateReply
+from ptzd.bus.messages import IMAGE_ENCODING, UpdateReply
 from ptzd.control.events import CancelReceived, ControlReceived, PayloadRefused, UpdateReceived, Verb
+from ptzd.outgoing import ImageAttachment, Pose
 
 BOX = b'{"box":{"x":1,"y":2,"w":30,"h":40}}'
 
@@ -98,7 +99,7 @@ async def test_the_pose_is_answered_with_the_latest(core, bus, get) -> None:
     (reply,) = await get("ptzd/hall/pose")
     assert json.loads(reply.err.payload.to_bytes())["code"] == "unavailable"
     for pan in (1.0, 2.0):
-        bus.publish("pose", {"t_ns": 5, "pan_deg": pan, "tilt_deg": 0.0, "zoom": 1.0})
+        bus.publish_pose(Pose(t_ns=5, pan_deg=pan, tilt_deg=0.0, zoom=1.0, moving=False, motion="stable"))
     (reply,) = await get("ptzd/hall/pose")
     assert _decoded(reply.ok.payload.to_bytes(), Pose).pan_deg == 2.0
 
@@ -109,7 +110,7 @@ async def test_a_picture_is_answered_with_what_it_shows(core, bus, get, key: str
     assert json.loads(reply.err.payload.to_bytes())["code"] == "unavailable"
 
     async def newest(asked: str):
-        return asked.encode(), {"seq": 3, "t_capture_ns": 4, "w": 640, "h": 480}
+        return asked.encode(), ImageAttachment(seq=3, t_capture_ns=4, w=640, h=480)
 
     bus.on_image_query(newest)
     (reply,) = await get(f"ptzd/hall/{key}")

@@ -19,6 +19,7 @@ from ptzd.geometry.rig import Rig, Uncertainty
 from ptzd.geometry.unified import UnifiedCamera
 from ptzd.geometry.zoom import ZoomEntry, ZoomTable
 from ptzd.model import FrameRef, HeadLimits, HeadReading, MatchResult, Motion, ViewRef
+from ptzd.outgoing import ImageAttachment, Pose
 from ptzd.ports import HeadPoll, Picture
 
 HOME = HeadReading(pan_deg=0.0, tilt_deg=0.0, zoom=1.0)
@@ -80,8 +81,8 @@ class Bus:
     def __init__(self, story: list[tuple[str, object]]) -> None:
         self.story = story
         self.incoming: asyncio.Queue[ev.Event | BaseException] = asyncio.Queue()
-        self.published: list[tuple[str, dict[str, object]]] = []
-        self.images: list[tuple[str, bytes, dict[str, object]]] = []
+        self.poses: list[Pose] = []
+        self.images: list[tuple[str, bytes, ImageAttachment]] = []
         self.wanted: set[str] = set()
 
     async def events(self) -> AsyncIterator[ev.Event]:
@@ -94,10 +95,10 @@ class Bus:
     def perform(self, command: cmd.Command) -> None:
         self.story.append(("performed", command))
 
-    def publish(self, key: str, document: dict[str, object]) -> None:
-        self.published.append((key, document))
+    def publish_pose(self, pose: Pose) -> None:
+        self.poses.append(pose)
 
-    def publish_image(self, key: str, jpeg: bytes, attachment: dict[str, object]) -> None:
+    def publish_image(self, key: str, jpeg: bytes, attachment: ImageAttachment) -> None:
         self.images.append((key, jpeg, attachment))
 
     def image_wanted(self, key: str) -> bool:

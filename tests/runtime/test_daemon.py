@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
+import msgspec
 import pytest
 
 from ptzd.control import commands as cmd
@@ -11,6 +12,7 @@ from ptzd.control import events as ev
 from ptzd.control.states import State
 from ptzd.errors import BusError, DeviceLost
 from ptzd.model import Box, Motion
+from ptzd.outgoing import ImageAttachment
 from ptzd.ports import HeadPoll
 from ptzd.runtime.clock import SteadyClock
 from ptzd.runtime.daemon import Daemon
@@ -74,11 +76,11 @@ async def test_it_answers_but_does_not_serve_with_a_device_lost(running, fisheye
 
 async def test_the_pose_goes_to_bus_and_log(running, well, bus, log) -> None:
     await well()
-    key, document = bus.published[-1]
-    assert key == "pose"
-    assert document["hfov_deg"] == pytest.approx(60.0, abs=0.2)
-    assert document["moving"] is False
-    assert ("/pose", document) in log.documents
+    pose = bus.poses[-1]
+    assert pose.hfov_deg == pytest.approx(60.0, abs=0.2)
+    assert pose.moving is False
+    assert ("/pose", msgspec.to_builtins(pose)) in log.documents
+    assert log.documents[-1][1]["moving"] is False
 
 
 async def test_a_zoom_outside_the_calibration_has_no_field_of_view(running, poll) -> None:
@@ -86,9 +88,9 @@ async def test_a_zoom_outside_the_calibration_has_no_field_of_view(running, poll
     beyond = HeadPoll(
         reading=type(shown.reading)(pan_deg=0, tilt_deg=0, zoom=12000), t_ns=shown.t_ns, motion=Motion.MOVING
     )
-    document = running.daemon.pose_document(beyond)
-    assert "hfov_deg" not in document
-    assert document["moving"] is True
+    pose = running.daemon.pose(beyond)
+    assert pose.hfov_deg is None
+    assert pose.moving is True
 
 
 async def test_pictures_are_offered_only_to_listeners(running, well, bus, fisheye, picture, settled) -> None:
@@ -100,7 +102,7 @@ async def test_pictures_are_offered_only_to_listeners(running, well, bus, fishey
     await settled()
     ((key, jpeg, attachment),) = bus.images
     assert (key, jpeg) == ("image/fisheye", shown.jpeg)
-    assert attachment == {"seq": 9, "t_capture_ns": shown.frame.t_capture_ns, "w": 640, "h": 480}
+    assert attachment == ImageAttachment(seq=9, t_capture_ns=shown.frame.t_capture_ns, w=640, h=480)
 
 
 async def test_ptz_pictures_carry_their_pose(running, well, bus, head, picture, poll, settled) -> None:
@@ -110,8 +112,8 @@ async def test_ptz_pictures_carry_their_pose(running, well, bus, head, picture, 
     await settled()
     ((key, _, attachment),) = bus.images
     assert key == "image/ptz"
-    assert attachment["pan_deg"] == pytest.approx(12.0)
-    assert attachment["motion"] == "moving"
+    assert attachment.pan_deg == pytest.approx(12.0)
+    assert attachment.motion == "moving"
 
 
 async def test_the_end_gives_results_stops_the_head_and_finishes(running, well, bus, head, story, settled) -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import cv2
+import msgspec
 import numpy as np
 import pytest
 
@@ -61,8 +62,9 @@ async def test_an_overlay_is_offered_when_somebody_looks_and_something_was_found
     assert len(bus.images) == (wanted and found and kept)
     for key, _, attachment in bus.images:
         assert key == "image/overlay"
-        assert attachment["seq"] == 2
-        assert attachment["zoom"] == 7.0
+        assert attachment.seq == 2
+        assert attachment.zoom == 7.0
+        assert None not in msgspec.structs.asdict(attachment).values(), "whoever draws over it knows all of it"
 
 
 async def test_an_answer_nobody_asked_for_is_not_drawn(rig, bus) -> None:
