@@ -1,1 +1,1 @@
-"""Sphere, camera models, head, rig, epipolar arc and plane homography; numpy only, radians only."""
+"""Sphere, camera models, head, rig, epipolar arc and planes; numpy only, radians only."""

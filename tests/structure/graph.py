@@ -1,11 +1,13 @@
 """The rooms of the package and who imports whom: ``python -m tests.structure.graph`` (or ``make imports``).
 
 A row a room, top layer first, with the rooms that it imports and how many import lines that takes. Exit 1 when an arrow
-goes upwards or rooms go round in a circle.
+goes upwards or rooms go round in a circle. With ``--write`` the table of rooms in docs/architecture.md is renewed.
 """
 
 from __future__ import annotations
 
+import ast
+import re
 import sys
 import tomllib
 from collections import Counter
@@ -15,6 +17,8 @@ from pathlib import Path
 import grimp
 
 ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs" / "architecture.md"
+MARKED = re.compile(r"(<!-- rooms -->\n)(.*)(<!-- /rooms -->)", re.DOTALL)
 
 
 def layers() -> list[list[str]]:
@@ -54,7 +58,24 @@ def circle(found: Counter[tuple[str, str]]) -> list[str]:
     return []
 
 
+def rooms() -> str:
+    """The table of rooms, top layer first, each with the first paragraph that it says of itself."""
+    lines = ["| layer | room | what it is |", "|---|---|---|"]
+    for number, row in enumerate(layers(), 1):
+        lines += [f"| {number} | `{room}` | {_said(room)} |" for room in row]
+    return "\n".join(lines) + "\n"
+
+
+def _said(room: str) -> str:
+    folder, file = ROOT / "ptzd" / room / "__init__.py", ROOT / "ptzd" / f"{room}.py"
+    text = ast.get_docstring(ast.parse((folder if folder.exists() else file).read_text())) or ""
+    return " ".join(text.split("\n\n")[0].split()).replace("``", "`").rstrip(".")
+
+
 def main() -> int:
+    if "--write" in sys.argv[1:]:
+        page = PAGE.read_text()
+        PAGE.write_text(MARKED.sub(lambda found: f"{found[1]}{rooms()}{found[3]}", page))
     rows, found = layers(), arrows()
     for room in (room for row in rows for room in row):
         seen = {end: count for (start, end), count in sorted(found.items()) if start == room}
