@@ -188,6 +188,19 @@ class Lease(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Over after so long without a word from whoever has it."""
 
 
+class Motor(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Sparing the motors."""
+
+    dead_zone_deg: Annotated[float, Meta(ge=0, le=5)] = 0.05
+    """A set point this near to where the head rests is not driven; less where the lens or the lock needs it."""
+    moves_per_hour: Annotated[int, Meta(ge=1, le=100_000)] | None = None
+    """Budget of the last hour; None: no end."""
+    degrees_per_hour: Annotated[float, Meta(ge=1, le=10_000_000)] | None = None
+    """The same for pan and tilt together."""
+    reserve: Annotated[float, Meta(ge=0, le=0.5)] = 0.2
+    """Share of a budget that requests of the lowest priority leave to higher ones; patrols leave twice that."""
+
+
 class Shadow(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Decide and log everything, move nothing."""
 
@@ -260,6 +273,7 @@ class Config(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     bus: BusSettings = BusSettings()
     log: LogSettings = LogSettings()
     drift: DriftSettings = DriftSettings()
+    motor: Motor = Motor()
     shadow: Shadow = Shadow()
 
 
@@ -269,6 +283,7 @@ WHILE_RUNNING = (
     "home",
     "lease",
     "ranges",
+    "motor",
     "queue.size",
     "queue.timeout_s",
     "log.fisheye_every_n",
@@ -279,7 +294,7 @@ WHILE_RUNNING = (
     "log.min_free_bytes",
 )
 """What a running daemon takes over when it reads its settings again: whole parts, or single keys of a part."""
-CORE_PARTS = ("search", "lock", "home", "queue", "lease", "ranges")
+CORE_PARTS = ("search", "lock", "home", "queue", "lease", "ranges", "motor")
 """Parts that decisions depend on and that may change while they are taken."""
 
 

@@ -1,4 +1,4 @@
-"""What the daemon tells beside its decisions, said once for bus and log: where the head looks, what a picture shows.
+"""What the daemon tells beside its decisions, said once for bus and log: pose, motors, what a picture shows.
 
 Absent means unknown; readers skip fields that they do not know.
 """
@@ -34,6 +34,25 @@ class Pose(Outgoing, frozen=True):
     sigma_deg: float | None = None
     shadow: ShadowPose | None = None
     """In shadow mode; all else is where the camera stands."""
+
+
+class MotorStatus(Outgoing, frozen=True):
+    """What the motors have gone, whoever moved them."""
+
+    pan_deg: float
+    """In their life, as are the next four."""
+    tilt_deg: float
+    zoom_steps: float
+    moves: int
+    """Asked for by the daemon."""
+    spared: int
+    """Not driven, since the head stood near enough."""
+    moves_last_hour: int
+    degrees_last_hour: float
+    """Pan and tilt together."""
+    moves_per_hour: int | None = None
+    """Budget; None: no end."""
+    degrees_per_hour: float | None = None
 
 
 class ImageAttachment(Outgoing, frozen=True):

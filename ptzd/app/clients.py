@@ -11,7 +11,7 @@ from ptzd.bus.client import Client
 from ptzd.bus.fields import BoxPx
 from ptzd.bus.messages import MESSAGES, Feedback, LeaseRequest, RoiResult, Status, schema
 from ptzd.model import LeaseHeld
-from ptzd.outgoing import Pose, ShadowPose
+from ptzd.outgoing import MotorStatus, Pose, ShadowPose
 
 __all__ = [
     "BoxPx",
@@ -19,6 +19,7 @@ __all__ = [
     "Feedback",
     "LeaseHeld",
     "LeaseRequest",
+    "MotorStatus",
     "MoveReply",
     "MoveRequest",
     "PanTilt",

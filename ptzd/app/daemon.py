@@ -18,6 +18,7 @@ import msgspec
 
 from ptzd.app.fingerprint import fingerprint, versions
 from ptzd.app.loading import Loaded, load
+from ptzd.app.motor_file import MotorBook, motor_path, motor_status, read_travel
 from ptzd.app.reloading import Reloader
 from ptzd.bus.answers import LogHandler
 from ptzd.bus.messages import LogReference
@@ -127,7 +128,7 @@ async def _life(loaded: Loaded, stop: asyncio.Event, again: asyncio.Event, ready
                 clock,
                 results_kept_s=config.queue.results_kept_s,
                 log_reference=lambda: _log_reference(log, clock),
-                status_extra=lambda: _status_extra(log, parts.daemon),
+                status_extra=lambda: _status_extra(log, parts.daemon, clock),
             )
         )
         bus.set_calibration(parse_mapping(loaded.calibration_text))
@@ -149,17 +150,20 @@ async def _life(loaded: Loaded, stop: asyncio.Event, again: asyncio.Event, ready
             perception=perception,
             answering=lambda: notifier.ready(f"rig {config.rig} answers"),
             serving=ready,
+            travel=await asyncio.to_thread(read_travel, motor_path(config)),
             watching=(drift.seen,) if config.drift.monitor else (),
         )
         bus.on_image_query(parts.daemon.gallery.newest)
         bus.on_log_query(_log_handler(log, parts.daemon))
         machine = parts.daemon.pump.machine
+        book = MotorBook(motor_path(config), lambda: (machine.travel, machine.config.motor), log, clock)
         watch = Watchdog(notifier, _vitals(parts.daemon, log), lambda: str(machine.state))
         adopt = partial(_adopt, log, parts.daemon)
         reloader = Reloader(loaded, again, adopt, notifier)
         try:
-            await parts.daemon.run(end, follow_stop, reloader.run, drift.run, watch.run)
+            await parts.daemon.run(end, follow_stop, reloader.run, drift.run, watch.run, book.run)
         finally:
+            await book.keep()
             if stop.is_set() or not end.is_set():
                 notifier.stopping("stopping")
 
@@ -216,7 +220,7 @@ def _log_reference(log: McapLog, clock: Clock) -> LogReference | None:
     return None if current is None else LogReference(file=current.name, t_ns=clock.now_ns())
 
 
-def _status_extra(log: McapLog, daemon: Daemon | None) -> Mapping[str, object]:
+def _status_extra(log: McapLog, daemon: Daemon | None, clock: Clock) -> Mapping[str, object]:
     stats = msgspec.to_builtins(log.stats())
     current = log.current_file
     extra: dict[str, object] = {
@@ -225,6 +229,8 @@ def _status_extra(log: McapLog, daemon: Daemon | None) -> Mapping[str, object]:
     }
     if daemon is None:
         return extra
+    machine = daemon.pump.machine
+    extra["motor"] = motor_status(machine.travel, machine.config.motor, clock.now_ns())
     pose = daemon.head_watch.last_poll
     fisheye = daemon.fisheye_watch
     extra["devices"] = {

@@ -29,7 +29,7 @@ from ptzd.bus.fields import (
 )
 from ptzd.errors import RequestRefused
 from ptzd.model import FrameRef, LeaseHeld, Outcome, Result
-from ptzd.outgoing import ImageAttachment, Outgoing, Pose
+from ptzd.outgoing import ImageAttachment, MotorStatus, Outgoing, Pose
 
 VERSION = "v1"
 IMAGE_ENCODING = "image/jpeg"
@@ -237,6 +237,7 @@ class Status(Outgoing, frozen=True):
     shadow: bool = False
     """What is decided moves nothing."""
     devices: Document = msgspec.field(default_factory=dict)
+    motor: MotorStatus | None = None
     pose: Pose | None = None
     log: Document = msgspec.field(default_factory=dict)
     versions: dict[str, str] = msgspec.field(default_factory=dict)

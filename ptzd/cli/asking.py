@@ -10,7 +10,17 @@ from datetime import datetime
 import msgspec
 from rich.markup import escape
 
-from ptzd.app.clients import Client, Feedback, LeaseHeld, LeaseRequest, Pose, RoiResult, ShadowPose, notices
+from ptzd.app.clients import (
+    Client,
+    Feedback,
+    LeaseHeld,
+    LeaseRequest,
+    MotorStatus,
+    Pose,
+    RoiResult,
+    ShadowPose,
+    notices,
+)
 from ptzd.cli import terminal
 from ptzd.control.states import State
 from ptzd.control.wording import in_words, range_in_words
@@ -116,6 +126,8 @@ def status(arguments: argparse.Namespace) -> int:
         console.print(f"ptz       {_said(now.ptz)}")
         if now.pose is not None:
             console.print(f"pose      {pose_in_words(now.pose)}")
+        if now.motor is not None:
+            console.print(f"motor     {motor_in_words(now.motor)}")
         console.print(f"log       {_said(str(now.log.get('file', '–')))}")
         return 0
 
@@ -141,6 +153,16 @@ def lease(arguments: argparse.Namespace) -> int:
 def pose_in_words(pose: Pose | ShadowPose) -> str:
     """Where a head looks, for a person."""
     return f"pan {pose.pan_deg:.2f}°, tilt {pose.tilt_deg:.2f}°, zoom {pose.zoom:g}"
+
+
+def motor_in_words(motor: MotorStatus) -> str:
+    """What the motors have gone, for a person."""
+    moves = "" if motor.moves_per_hour is None else f" of {motor.moves_per_hour}"
+    degrees = "" if motor.degrees_per_hour is None else f" of {motor.degrees_per_hour:g}°"
+    return (
+        f"pan {motor.pan_deg:.0f}°, tilt {motor.tilt_deg:.0f}°, zoom {motor.zoom_steps:.0f} in its life; last hour "
+        f"{motor.moves_last_hour}{moves} moves, {motor.degrees_last_hour:.0f}°{degrees}"
+    )
 
 
 def held_in_words(held: LeaseHeld | None) -> str:

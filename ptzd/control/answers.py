@@ -25,12 +25,21 @@ class Answers:
 
     def on_arrived(self, event: ev.HeadArrived) -> None:
         """The head rests at the target."""
+        self.work.came_to_rest(event.move_id)
         self.work.head.reading = event.reading
         if self.work.answers_head(Awaited.MOVE, event.move_id) and self.memory.holder is not None:
             self.authority.apply(self.memory.holder.activity.on_arrived(self.work))
 
+    def on_spared(self) -> None:
+        """Moves that need no motor are done at once."""
+        while self.work.spared and self.memory.holder is not None:
+            if not self.work.answers_head(Awaited.MOVE, self.work.spared[-1]):
+                return
+            self.authority.apply(self.memory.holder.activity.on_arrived(self.work))
+
     def on_stalled(self, event: ev.HeadStalled) -> None:
         """The head rests elsewhere."""
+        self.work.came_to_rest(event.move_id)
         self.work.head.reading = event.reading
         if self.work.answers_head(Awaited.MOVE, event.move_id):
             self._failed(Awaited.MOVE, event.reason)
@@ -65,7 +74,7 @@ class Answers:
         if stop is not None:
             self.authority.apply(stop.on_time(self.work))
         for waiting in [request for request in memory.waiting if t_ns >= request.expires_ns]:
-            self.desk.end_waiting(waiting, Outcome.TIMEOUT, "its time ran out while it waited")
+            self.desk.end_waiting(waiting, Outcome.TIMEOUT, self.desk.why_it_waited(waiting))
         for late in [match for match in self.work.head.matches if t_ns >= match.until_ns]:
             if self.work.answers_match(late.id) is not None:
                 self._failed(Awaited.MATCH, "the matcher did not answer")
@@ -76,6 +85,8 @@ class Answers:
         if memory.holder is not None and self.authority.stop_under_way is None:
             self.authority.apply(memory.holder.activity.on_time(self.work))
         self.authority.expire()
+        if memory.holder is None:
+            self.authority.take_next()  # what waited for the motor's budget
         homing_ns = self.authority.homing_ns
         if homing_ns is not None and t_ns >= homing_ns:
             self.authority.go_home()
@@ -90,6 +101,7 @@ class Answers:
             None if memory.holder is None else memory.holder.activity.wakes_ns(self.work),
             self.authority.homing_ns,
             self.authority.lease_ends_ns,
+            self.authority.budget_frees_ns,
         ]
         return min((deadline for deadline in wanted if deadline is not None), default=None)
 

@@ -13,6 +13,7 @@ from ptzd.control.activities.scan import Scan
 from ptzd.control.activities.stop import Stop
 from ptzd.control.desk import Desk
 from ptzd.control.memory import AnyActivity, Claim, Memory
+from ptzd.control.motor import Spent, spent
 from ptzd.control.ranks import Rank
 from ptzd.control.shadow import NOT_TOLD
 from ptzd.control.work import Work, seconds
@@ -196,9 +197,21 @@ class Authority:
         taken = memory.holder is not None and memory.holder.rank > Rank.HOME
         if taken or not memory.serving or memory.stopping:
             return None
-        first = next((claim for claim in memory.claims if claim.from_ns is None), None)
+        first = next((claim for claim in memory.claims if claim.from_ns is None and not self._spent(claim)), None)
         kept = self.work.head.held and first is not None and first.rank < Rank.LEASE
         return None if kept else first
+
+    def _spent(self, claim: Claim) -> Spent | None:
+        """The motor's budget that keeps a claim waiting."""
+        return spent(self.work.head.travel, self.work.config.motor, claim.rank, self.work.t_ns)
+
+    @property
+    def budget_frees_ns(self) -> int | None:
+        """When something that waits for the motor's budget may begin, if nothing comes between."""
+        if self.memory.holder is not None or not self.memory.serving:
+            return None
+        waits = [self._spent(claim) for claim in self.memory.claims if claim.from_ns is None]
+        return min((found.frees_ns for found in waits if found is not None), default=None)
 
     def _insert(self, claim: Claim) -> None:
         """Let a claim wait behind those of its rank."""

@@ -44,6 +44,14 @@ class SteerHead(Command):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SpareMove(Command):
+    """The head rests near enough: the motor is spared, and the move counts as done. For the log."""
+
+    move_id: int
+    target: HeadReading
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StopHead(Command):
     """Stop every axis; a move under way gives no further answer. Answered by HeadStopped."""
 

@@ -13,6 +13,7 @@ from ptzd.control.activities.lock import Lock, range_of
 from ptzd.control.activities.scan import Scan
 from ptzd.control.learning import learn
 from ptzd.control.memory import AnyActivity, Claim, Ended, Memory
+from ptzd.control.motor import Spent, spent
 from ptzd.control.ranks import Rank
 from ptzd.control.requests import Request, Task
 from ptzd.control.shadow import as_shadow
@@ -56,12 +57,16 @@ class Desk:
             # first what costs nothing: under a flood most find no room, and the lens' rays take their time
             rank = self.rank(event.priority, event.by)
             self._check_room(rank)
+            self._check_budget(event, rank)
             request = admission.admit(event, self.work.t_ns, self.memory, self.work.rig, self.work.config)
         except RequestRefused as refused:
             self.refuse(event.token, refused, event.id)
             return None
         self._place(request, rank)
         self._pin(request, request.frame)
+        if (found := self.spent(rank)) is not None:
+            text = f"waits {self._until_s(found):.0f} s for the motor's budget ({found.words})"
+            self.work.feedback(request.id, "note", text=text)
         return request
 
     def rank(self, priority: int, by: str) -> int:
@@ -74,7 +79,19 @@ class Desk:
         """Whether a request of this rank takes the place of the one that is being served."""
         holder = self.memory.holder
         served = holder is not None and holder.task is not None
-        return served and not self.memory.head.held and holder is not None and rank > holder.rank
+        outranks = served and not self.memory.head.held and holder is not None and rank > holder.rank
+        return outranks and self.spent(rank) is None
+
+    def spent(self, rank: int) -> Spent | None:
+        """The motor's budget that has no share left for this rank."""
+        return spent(self.work.head.travel, self.work.config.motor, rank, self.work.t_ns)
+
+    def why_it_waited(self, request: Request) -> str:
+        """Why a request that waits is over when its time is."""
+        found = self.spent(self.rank(request.priority, request.by))
+        return "its time ran out while it waited" + (
+            "" if found is None else f" for the motor's budget ({found.words})"
+        )
 
     def confirm(self, token: int | None, request: Request) -> None:
         """Answer the query of an accepted request with its place: 0 = served next or now."""
@@ -121,6 +138,7 @@ class Desk:
             return None
         memory, work = self.memory, self.work
         try:
+            self._check_budget_of_update(request)
             region = admission.find_region(event, work.t_ns, memory, work.rig, work.config)
         except RequestRefused as refused:
             self.refuse_update(event, refused, told=True)
@@ -203,6 +221,31 @@ class Desk:
         if waits and not self.outranks_served(rank) and waiting >= self.work.config.queue.size:
             message = f"{waiting} requests are waiting, no more fit; try later or with a higher priority"
             raise RequestRefused("busy", message, "$.priority")
+
+    def _check_budget(self, event: ev.RequestReceived, rank: int) -> None:
+        """Refuse what would wait for the motor's budget longer than it has time."""
+        found = self.spent(rank)
+        if found is None:
+            return
+        timeout_s = self.work.config.queue.timeout_s if event.timeout_s is None else event.timeout_s
+        if self.work.t_ns + seconds(timeout_s) <= found.frees_ns:
+            again = f"there is some again in {self._until_s(found):.0f} s"
+            advice = "ask then, with a longer timeout_s or a higher priority"
+            message = f"the motor's budget is spent ({found.words}); {again}: {advice}"
+            raise RequestRefused("budget", message, "$.priority")
+
+    def _check_budget_of_update(self, request: Request) -> None:
+        """A target that goes on and on may not use up what is left to others: the head stays at its last place."""
+        found = self.spent(self.rank(request.priority, request.by))
+        served = self.memory.task is not None and self.memory.task.request is request
+        if served and found is not None:
+            message = (
+                f"the motor's budget is spent ({found.words}); there is some again in {self._until_s(found):.0f} s"
+            )
+            raise RequestRefused("budget", message, "$.id")
+
+    def _until_s(self, found: Spent) -> float:
+        return (found.frees_ns - self.work.t_ns) / 1e9
 
     def _place(self, request: Request, rank: int) -> None:
         memory = self.memory

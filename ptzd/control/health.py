@@ -8,7 +8,7 @@ from ptzd.control import events as ev
 from ptzd.control.authority import Authority
 from ptzd.control.memory import Memory
 from ptzd.control.work import Work
-from ptzd.model import Outcome
+from ptzd.model import Motion, Outcome
 
 WELL = "well"
 RING_FRAMES = 128
@@ -33,10 +33,14 @@ class Health:
     def on_head_ready(self, event: ev.HeadReady) -> None:
         """What the head can do is known."""
         self.work.head.limits, self.work.head.reading = event.limits, event.reading
+        self.work.head.motion = Motion.UNKNOWN
+        self.work.came_to_rest(None)
 
     def on_polled(self, event: ev.HeadPolled) -> None:
         """Where the head is."""
         self.work.head.reading, self.work.head.motion = event.reading, event.motion
+        if not self.work.config.shadow.enabled:
+            self.work.head.travel.report(event.reading, self.work.t_ns)
         if self.memory.serving and self.memory.holder is not None:
             self.authority.apply(self.memory.holder.activity.on_reading(self.work))
 

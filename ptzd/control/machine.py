@@ -16,6 +16,7 @@ from ptzd.control.desk import Desk
 from ptzd.control.health import Health
 from ptzd.control.leases import Leases
 from ptzd.control.memory import Memory
+from ptzd.control.motor import Travel
 from ptzd.control.moves import Moves
 from ptzd.control.operator import Operator
 from ptzd.control.planning.ranges import RangeMap
@@ -99,6 +100,11 @@ class Machine:
         """What confirmed locks have taught of the scene's ranges, for whoever keeps it."""
         return self._memory.ranges
 
+    @property
+    def travel(self) -> Travel:
+        """What the motors have gone."""
+        return self._memory.head.travel
+
     def deadline_ns(self) -> int | None:
         """When a DeadlinePassed event is wanted; None when nothing can time out."""
         return None if self._memory.finished else self._answers.deadline_ns()
@@ -127,11 +133,12 @@ class Machine:
         allowed = TRANSITIONS.get((before, type(event)))
         if allowed is None:
             raise ImpossibleEvent(before, event)
-        self._work.t_ns, self._work.out = t_ns, []
+        self._work.begin(t_ns)
         if before is State.STOPPED:
             self._operator.after_shutdown(event)
         else:
             self._handlers[type(event)](event)
+            self._answers.on_spared()
         if self.state not in allowed:
             raise AssertionError(f"{before} → {self.state} on {type(event).__name__} is not in the table")
         self._publish_status()

@@ -49,6 +49,7 @@ class Operator:
     def on_stopped(self, event: ev.HeadStopped) -> None:
         """The camera stands."""
         del event
+        self.work.came_to_rest(None)
         self.authority.stop_is_over()
         self.authority.take_next()
 

@@ -129,7 +129,8 @@ def _table() -> Table:
     table[State.LOCK, ev.UpdateReceived] = _NEXT_REQUEST | {State.LOCK}
     table[State.IDLE, ev.DeadlinePassed] = _NEXT_REQUEST | {State.HOME}
     for ending in (ev.HeadArrived, ev.HeadStalled, ev.DeadlinePassed):
-        table[State.HOME, ending] = frozenset({State.HOME, State.IDLE})
+        # what waited for the motor's budget may begin then
+        table[State.HOME, ending] = _NEXT_REQUEST | {State.HOME}
     table |= _stays(frozenset({State.STOPPED}), *_all_events())
     return table
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import StrEnum
 
 from ptzd.config import Config
 from ptzd.control import commands as cmd
+from ptzd.control.motor import Travel
 from ptzd.control.planning.ranges import RangeMap
 from ptzd.errors import GeometryError
 from ptzd.geometry.rig import Rig
@@ -14,6 +16,10 @@ from ptzd.model import Box, FrameRef, HeadLimits, HeadReading, HeadSpeed, Motion
 
 GRAB_GUARD_NS = 7_000_000_000
 """On top of the silence after which the stream counts as lost: to connect anew (5 s) and to prove rest (2 s)."""
+NEAR_SHARE = 0.01
+"""Of the field of view: half of what a lock takes for centred there."""
+MOST_SPARED = 3
+"""Moves in a row that one event may do without the motor: whoever goes round in circles is slowed by it."""
 MATCH_GUARD_NS = 30_000_000_000
 """A match takes milliseconds; a worker silent for this long is stuck."""
 MOVE_GUARD_NS = 5_000_000_000
@@ -58,6 +64,9 @@ class HeadState:
     """An operator keeps it where it is: no claim begins, and no hold ends."""
     asked: HeadWork | None = None
     matches: list[MatchWork] = field(default_factory=list)
+    going: int | None = None
+    """The move that was sent last, while nobody has said where it led."""
+    travel: Travel = field(default_factory=Travel)
     moved_ns: int = 0
     """When the last move was asked for: a picture at rest after it shows where it led."""
     next_id: int = 1
@@ -78,6 +87,12 @@ class Work:
     ranges: RangeMap
     t_ns: int = 0
     out: list[cmd.Command] = field(default_factory=list)
+    spared: list[int] = field(default_factory=list)
+    """Moves that this event asked for and that are done without the motor."""
+
+    def begin(self, t_ns: int) -> None:
+        """Be about the next event."""
+        self.t_ns, self.out, self.spared = t_ns, [], []
 
     def _new_id(self) -> int:
         number = self.head.next_id
@@ -85,7 +100,7 @@ class Work:
         return number
 
     def move(self, target: HeadReading) -> None:
-        """Move the head; replaces whatever it was asked before.
+        """Move the head, unless it rests there already; replaces whatever it was asked before.
 
         Raises
         ------
@@ -102,6 +117,13 @@ class Work:
         until = self.t_ns + seconds(self.config.ptz.move_timeout_s) + MOVE_GUARD_NS
         self.head.asked = HeadWork(kind=Awaited.MOVE, id=number, until_ns=until)
         self.head.moved_ns = self.t_ns
+        if self._rests_near(target) and len(self.spared) < MOST_SPARED:
+            self.spared.append(number)
+            self.head.travel.spared += 1
+            self.out.append(cmd.SpareMove(move_id=number, target=target))
+            return
+        self.head.going = number
+        self.head.travel.move(self.t_ns)
         self.out.append(cmd.MoveHead(move_id=number, target=target))
 
     def steer(self, speed: HeadSpeed, until_ns: int) -> None:
@@ -109,8 +131,33 @@ class Work:
         number = self._new_id()
         answered_ns = until_ns + seconds(self.config.ptz.stall_s) + MOVE_GUARD_NS
         self.head.asked = HeadWork(kind=Awaited.MOVE, id=number, until_ns=answered_ns)
+        if self.head.going is None:
+            self.head.travel.move(self.t_ns)  # however many words it takes to go on
+        self.head.going = number
         self.head.moved_ns = self.t_ns
         self.out.append(cmd.SteerHead(move_id=number, speed=speed, until_ns=until_ns))
+
+    def dead_zone_deg(self, zoom: float) -> float:
+        """How near to a set point the head may rest: no more than half of what a lock corrects at this zoom."""
+        config, (low, high) = self.config, self.rig.zoom.zoom_range
+        hfov = math.degrees(self.rig.zoom.camera_at(min(max(zoom, low), high)).hfov_rad)
+        return min(config.motor.dead_zone_deg, config.lock.tolerance_deg / 2, NEAR_SHARE * hfov)
+
+    def _rests_near(self, target: HeadReading) -> bool:
+        head, near_deg = self.head, self.dead_zone_deg(target.zoom)
+        if head.reading is None or head.going is not None or head.motion is not Motion.STABLE:
+            return False
+        pan = math.remainder(target.pan_deg - head.reading.pan_deg, 360.0)
+        return (
+            math.hypot(pan, target.tilt_deg - head.reading.tilt_deg) <= near_deg
+            and abs(target.zoom - head.reading.zoom) <= self.config.ptz.zoom_tolerance
+            and near_deg > 0
+        )
+
+    def came_to_rest(self, move_id: int | None) -> None:
+        """It is known where the move led, or the head was told to stand."""
+        if move_id is None or move_id == self.head.going:
+            self.head.going = None
 
     def grab(self, not_before_ns: int) -> None:
         """Ask for a picture taken at rest at or after this time; after a move, rest before it never counts."""

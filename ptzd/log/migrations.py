@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from ptzd.errors import LogError
 from ptzd.log import claims, regions
 
-SCHEMA_VERSION = 5
+SCHEMA_VERSION = 6
 """Of events, commands and settings as they are written; in the metadata ``ptzd.run`` of every file."""
 
 Body = dict[str, object]
@@ -57,11 +57,17 @@ def _without_ranges(settings: Body) -> Body:
     return {**settings, "ranges": {"learn": False}}
 
 
+def _unspared(settings: Body) -> Body:
+    """5 to 6: every move was driven, however small."""
+    return {**settings, "motor": {"dead_zone_deg": 0.0}}
+
+
 STEPS: Mapping[int, Step] = {
     1: Step(decision=_claims),
     2: Step(decision=_stamped_once),
     3: Step(decision=_regions),
     4: Step(settings=_without_ranges),
+    5: Step(settings=_unspared),
 }
 """By the version they start from."""
 

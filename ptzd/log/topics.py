@@ -54,6 +54,7 @@ TOPICS: Mapping[str, Topic] = {
         Topic(name="/match", schema="ptzd.Match"),
         Topic(name="/pose", schema="ptzd.Pose"),
         Topic(name="/drift", schema="ptzd.Drift"),
+        Topic(name="/motor", schema="ptzd.Motor"),
         Topic(name="/fisheye/annotations", schema="foxglove.ImageAnnotations"),
         Topic(name="/ptz/annotations", schema="foxglove.ImageAnnotations"),
         Topic(name="/fisheye/calibration", schema="foxglove.CameraCalibration"),

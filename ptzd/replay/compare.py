@@ -54,6 +54,7 @@ ACROSS_OPENCV = Tolerance(deg=6e-3, absolute=6e-3, relative=1e-2, rivals=False)
 
 KIND: Mapping[type[cmd.Command], tuple[str, ...]] = {
     cmd.MoveHead: ("move_id",),
+    cmd.SpareMove: ("move_id",),
     cmd.SteerHead: ("move_id",),
     cmd.GrabView: ("grab_id",),
     cmd.RunMatch: ("match_id", "request_id", "frame"),

@@ -14,7 +14,10 @@ from ptzd.control import commands as cmd
 from ptzd.control import events as ev
 from ptzd.control.health import RING_FRAMES
 from ptzd.control.machine import Machine
+from ptzd.control.memory import Memory
+from ptzd.control.motor import Travel
 from ptzd.control.states import State
+from ptzd.control.work import HeadState
 from ptzd.errors import DeviceError
 from ptzd.geometry.rig import Rig
 from ptzd.model import HeadReading, Motion
@@ -52,6 +55,8 @@ class Daemon:
         Called once, when every device is well or has been reported lost: whoever asks gets an answer from now on.
     serving : callable
         Called once, when requests can be served.
+    travel : Travel, optional
+        What the motors had gone before.
     watching : sequence of callables
         Shown every step of the core, after the log: its number, event and commands.
     """
@@ -69,6 +74,7 @@ class Daemon:
         perception: Perception,
         answering: Callable[[], None] = _nothing,
         serving: Callable[[], None] = _nothing,
+        travel: Travel | None = None,
         watching: Sequence[Callable[[int, ev.Event, list[cmd.Command]], None]] = (),
     ) -> None:
         self._rig = rig
@@ -79,7 +85,7 @@ class Daemon:
         self.frames = FrameStore(RING_FRAMES + SPARE_FRAMES)
         self.overlays = Overlays(rig=rig, bus=bus, frames=self.frames)
         self.gallery = Gallery(rig=rig, bus=bus, overlays=self.overlays)
-        machine = Machine(rig, config)
+        machine = Machine(rig, config, Memory(head=HeadState(travel=travel or Travel())))
         observers = (self.overlays.seen, Narrator().seen, self._watch_readiness, *watching)
         self.pump = Pump(machine=machine, clock=clock, log=log, bus=bus, frames=self.frames, observers=observers)
         self.fisheye_watch = FisheyeWatch(

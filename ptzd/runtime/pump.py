@@ -94,6 +94,8 @@ class Pump:
                 self._frames.pin(command.request_id, command.frame, command.instead_of)
             case cmd.ReleaseFrames():
                 self._frames.release(command.request_id)
+            case cmd.SpareMove():
+                pass
             case cmd.Finished():
                 self.finished.set()
             case (

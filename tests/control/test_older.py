@@ -8,10 +8,12 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from ptzd.config import Motor
 from ptzd.control.machine import Machine
 from ptzd.control.memory import Memory
 from ptzd.errors import LogError
 from ptzd.log.codec import decode_command, decode_event
+from ptzd.log.migrations import settings_now
 from ptzd.replay.compare import EXACT, differences
 
 LIVES = [json.loads(line) for line in (Path(__file__).with_name("schema_1.jsonl")).read_text().splitlines()]
@@ -24,6 +26,7 @@ def event(told: list):
 
 @pytest.mark.parametrize("life", LIVES, ids=lambda life: life["state"])
 def test_it_goes_on_as_it_did(rig, config, life) -> None:
+    config = msgspec.structs.replace(config, motor=Motor(**settings_now({}, 1)["motor"]))
     machine = Machine.restored(rig, config, event(life["snapshot"]))
     assert machine.state == life["state"]
     for step in life["steps"]:
