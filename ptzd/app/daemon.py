@@ -19,6 +19,7 @@ import msgspec
 from ptzd.app.fingerprint import fingerprint, versions
 from ptzd.app.loading import Loaded, load
 from ptzd.app.motor_file import MotorBook, motor_path, motor_status, read_travel
+from ptzd.app.ranges_file import RangesBook, digest_of, ranges_path, read_ranges
 from ptzd.app.reloading import Reloader
 from ptzd.bus.answers import LogHandler
 from ptzd.bus.messages import LogReference
@@ -112,6 +113,7 @@ async def serve(
 async def _life(loaded: Loaded, stop: asyncio.Event, again: asyncio.Event, ready: Callable[[], None]) -> None:
     """One calibration's life: until ``stop``, or until there is a refined one."""
     config, clock, parts, end = loaded.config, SteadyClock(), _Parts(), asyncio.Event()
+    digest = digest_of(loaded.calibration_text)
 
     async def follow_stop() -> None:
         await stop.wait()
@@ -151,19 +153,22 @@ async def _life(loaded: Loaded, stop: asyncio.Event, again: asyncio.Event, ready
             answering=lambda: notifier.ready(f"rig {config.rig} answers"),
             serving=ready,
             travel=await asyncio.to_thread(read_travel, motor_path(config)),
+            ranges=await asyncio.to_thread(read_ranges, config, digest, clock.now_ns()),
             watching=(drift.seen,) if config.drift.monitor else (),
         )
         bus.on_image_query(parts.daemon.gallery.newest)
         bus.on_log_query(_log_handler(log, parts.daemon))
         machine = parts.daemon.pump.machine
         book = MotorBook(motor_path(config), lambda: (machine.travel, machine.config.motor), log, clock)
+        ranges = RangesBook(ranges_path(config, digest), digest, lambda: machine.ranges.locks, clock.now_ns)
         watch = Watchdog(notifier, _vitals(parts.daemon, log), lambda: str(machine.state))
         adopt = partial(_adopt, log, parts.daemon)
         reloader = Reloader(loaded, again, adopt, notifier)
         try:
-            await parts.daemon.run(end, follow_stop, reloader.run, drift.run, watch.run, book.run)
+            await parts.daemon.run(end, follow_stop, reloader.run, drift.run, watch.run, book.run, ranges.run)
         finally:
             await book.keep()
+            await ranges.keep()
             if stop.is_set() or not end.is_set():
                 notifier.stopping("stopping")
 

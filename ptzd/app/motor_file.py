@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Literal
 
 import msgspec
 
+from ptzd.app.kept import put_aside, put_in_place
 from ptzd.config import Config, Motor
 from ptzd.control.motor import Travel
 from ptzd.outgoing import MotorStatus
@@ -45,12 +45,10 @@ def read_travel(path: Path) -> Travel:
     except FileNotFoundError:
         return Travel()
     except (OSError, ValueError) as error:  # msgspec's errors are ValueErrors
-        aside = path.with_suffix(".damaged")
+        why = " ".join(str(error).split())
         _log.warning(
-            "%s cannot be used (%s): what the motors have gone is counted anew; the file is kept as %s",
-            path, " ".join(str(error).split()), aside.name,
-        )  # fmt: skip
-        _put_aside(path, aside)
+            "%s cannot be used (%s): what the motors have gone is counted anew; %s", path, why, put_aside(path)
+        )
         return Travel()
     return document.travel
 
@@ -62,30 +60,6 @@ def _check(travel: Travel) -> None:
     numbers = [minute.number for minute in travel.minutes]
     if numbers != sorted(set(numbers)):
         raise ValueError("minutes are not in their order")
-
-
-def _put_aside(path: Path, aside: Path) -> None:
-    try:
-        path.replace(aside)
-    except OSError as error:
-        _log.warning("%s cannot be put aside: %s", path, error.strerror)
-
-
-def write_travel(path: Path, travel: bytes) -> None:
-    """Put encoded counts in the place of the file at once, so that whoever reads it finds the old or the new ones.
-
-    Raises
-    ------
-    OSError
-        It cannot be written; the old one is as it was.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    fresh = path.with_suffix(".new")
-    with fresh.open("wb") as file:
-        file.write(travel)
-        file.flush()
-        os.fsync(file.fileno())
-    fresh.replace(path)
 
 
 def motor_status(travel: Travel, settings: Motor, t_ns: int) -> MotorStatus:
@@ -139,7 +113,7 @@ class MotorBook:
         t_ns = self._clock.now_ns()
         self._log.document("/motor", t_ns, msgspec.to_builtins(motor_status(travel, settings, t_ns)))
         try:
-            await asyncio.to_thread(write_travel, self._path, encoded)
+            await asyncio.to_thread(put_in_place, self._path, encoded)
         except OSError as error:
             if not self._failing:
                 _log.warning(

@@ -16,6 +16,7 @@ from ptzd.control.health import RING_FRAMES
 from ptzd.control.machine import Machine
 from ptzd.control.memory import Memory
 from ptzd.control.motor import Travel
+from ptzd.control.planning.ranges import RangeMap
 from ptzd.control.states import State
 from ptzd.control.work import HeadState
 from ptzd.errors import DeviceError
@@ -57,6 +58,8 @@ class Daemon:
         Called once, when requests can be served.
     travel : Travel, optional
         What the motors had gone before.
+    ranges : RangeMap, optional
+        What locks have taught before.
     watching : sequence of callables
         Shown every step of the core, after the log: its number, event and commands.
     """
@@ -75,6 +78,7 @@ class Daemon:
         answering: Callable[[], None] = _nothing,
         serving: Callable[[], None] = _nothing,
         travel: Travel | None = None,
+        ranges: RangeMap | None = None,
         watching: Sequence[Callable[[int, ev.Event, list[cmd.Command]], None]] = (),
     ) -> None:
         self._rig = rig
@@ -85,7 +89,7 @@ class Daemon:
         self.frames = FrameStore(RING_FRAMES + SPARE_FRAMES)
         self.overlays = Overlays(rig=rig, bus=bus, frames=self.frames)
         self.gallery = Gallery(rig=rig, bus=bus, overlays=self.overlays)
-        machine = Machine(rig, config, Memory(head=HeadState(travel=travel or Travel())))
+        machine = Machine(rig, config, Memory(head=HeadState(travel=travel or Travel()), ranges=ranges or RangeMap()))
         observers = (self.overlays.seen, Narrator().seen, self._watch_readiness, *watching)
         self.pump = Pump(machine=machine, clock=clock, log=log, bus=bus, frames=self.frames, observers=observers)
         self.fisheye_watch = FisheyeWatch(

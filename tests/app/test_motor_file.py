@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from ptzd.app.motor_file import MotorBook, read_travel, write_travel
+from ptzd.app.kept import put_in_place
+from ptzd.app.motor_file import MotorBook, read_travel
 from ptzd.config import Motor
 from ptzd.control.motor import Minute, Travel
 from ptzd.runtime.clock import SteadyClock
@@ -90,12 +91,12 @@ async def test_a_disk_that_takes_nothing_is_told_once_and_tried_again(tmp_path: 
 def test_who_reads_while_it_is_written_finds_a_whole_one(tmp_path: Path, monkeypatch) -> None:
     path = tmp_path / "motor.json"
     whole = json.dumps(WHOLE).encode()
-    write_travel(path, whole)
+    put_in_place(path, whole)
 
     def torn(_number: int) -> None:
         raise OSError(28, "no space left")
 
     monkeypatch.setattr("os.fsync", torn)
     with pytest.raises(OSError, match="no space"):
-        write_travel(path, whole + whole)
+        put_in_place(path, whole + whole)
     assert read_travel(path).pan_deg == 1.0
