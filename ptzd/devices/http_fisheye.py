@@ -13,8 +13,8 @@ from typing import Self
 
 from yarl import URL
 
+from ptzd.backoff import Backoff
 from ptzd.config import HttpSource
-from ptzd.devices.backoff import Backoff
 from ptzd.devices.mjpeg_http import read_mjpeg
 from ptzd.devices.vapix.address import Address
 from ptzd.devices.vapix.answers import accepted
@@ -53,7 +53,7 @@ class HttpFisheye:
         self._client = CameraClient(address, clock)
         self._request = Request(path=URL(settings.url).raw_path_qs, parse=accepted)
         self._latency_ns = round(settings.latency_s * 1e9)
-        self._backoff = Backoff(jitter or random.SystemRandom().random)
+        self._backoff = Backoff(jitter=jitter or random.SystemRandom().random)
         self._feed: Feed[Picture] = Feed(1)
         self._seq = 0
         self._next_seq = 0

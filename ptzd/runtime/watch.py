@@ -6,6 +6,7 @@ import asyncio
 import logging
 from collections.abc import Callable
 
+from ptzd.backoff import Backoff
 from ptzd.control import events as ev
 from ptzd.errors import DeviceError, DeviceRefused
 from ptzd.jpeg.walk import UPRIGHT, read_header, turned
@@ -16,25 +17,8 @@ from ptzd.runtime.hands import Tell
 
 LOGGER = logging.getLogger(__name__)
 
-FIRST_RETRY_S = 0.5
 LONGEST_RETRY_S = 15.0
-"""Back-off between attempts to reach a lost device: a camera reboots in 30–60 s, so four quick tries, then calm."""
-
-
-class BackOff:
-    """Waiting times that double from try to try."""
-
-    def __init__(self) -> None:
-        self._next_s = FIRST_RETRY_S
-
-    def reset(self) -> None:
-        """Start small again, after a success."""
-        self._next_s = FIRST_RETRY_S
-
-    def after(self) -> float:
-        """Seconds to wait now; who may not ask again so soon after a refusal is held back by the client itself."""
-        wait_s, self._next_s = self._next_s, min(2 * self._next_s, LONGEST_RETRY_S)
-        return wait_s
+"""Between attempts to reach a lost device: a camera reboots in 30–60 s, so four quick tries, then calm."""
 
 
 class Health:
@@ -115,16 +99,16 @@ class FisheyeWatch:
 
     async def run(self) -> None:
         """Watch until cancelled."""
-        back_off = BackOff()
+        backoff = Backoff(LONGEST_RETRY_S)
         while True:
             try:
                 async for picture in self._source.pictures():
                     self._take(picture)
-                    back_off.reset()
+                    backoff.reset()
             except DeviceError as error:
                 self._frames.clear_ring()
                 self.health.report_lost(error)
-                await asyncio.sleep(back_off.after())
+                await asyncio.sleep(backoff.pause_s())
 
     def _take(self, picture: Picture) -> None:
         self._check(picture)
@@ -180,15 +164,15 @@ class HeadWatch:
 
     async def run(self) -> None:
         """Watch until cancelled."""
-        back_off = BackOff()
+        backoff = Backoff(LONGEST_RETRY_S)
         while True:
             try:
-                await self._connected(back_off)
+                await self._connected(backoff)
             except DeviceError as error:
                 self.health.report_lost(error)
-                await asyncio.sleep(back_off.after())
+                await asyncio.sleep(backoff.pause_s())
 
-    async def _connected(self, back_off: BackOff) -> None:
+    async def _connected(self, backoff: Backoff) -> None:
         """One connection from its beginning to its loss."""
         self._broken.clear()
         limits = await self._head.describe()
@@ -198,7 +182,7 @@ class HeadWatch:
         self._on_poll(first)
         tasks = [
             asyncio.create_task(self._follow_polls()),
-            asyncio.create_task(self._follow_pictures(back_off)),
+            asyncio.create_task(self._follow_pictures(backoff)),
             asyncio.create_task(self._wait_broken()),
         ]
         try:
@@ -226,10 +210,10 @@ class HeadWatch:
         self._tell(ev.HeadPolled(reading=poll.reading, motion=poll.motion))
         self._polled(poll)
 
-    async def _follow_pictures(self, back_off: BackOff) -> None:
+    async def _follow_pictures(self, backoff: Backoff) -> None:
         async for picture, reading, motion in self._head.pictures():
             self._turns.note(read_header(picture.jpeg).orientation)
             self._log.picture("/ptz/image", picture)
             self._shown(picture, reading, motion)
             self.health.report_well()
-            back_off.reset()
+            backoff.reset()

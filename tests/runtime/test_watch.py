@@ -9,7 +9,7 @@ from ptzd.control import events as ev
 from ptzd.errors import DeviceGarbled, DeviceLost, DeviceRefused
 from ptzd.runtime import watch
 from ptzd.runtime.frames import FrameStore
-from ptzd.runtime.watch import BackOff, FisheyeWatch, HeadWatch
+from ptzd.runtime.watch import FisheyeWatch, HeadWatch
 
 
 @pytest.fixture
@@ -165,13 +165,6 @@ async def test_a_refusal_is_told_once_and_asked_about_again(head_watch, head, to
     assert len(pauses) > 1, "it was tried again; a client that may not send yet answers by itself"
     assert kinds(told) == ["DeviceLost"]
     assert pauses == sorted(pauses)
-
-
-def test_pauses_double_up_to_a_limit_and_start_small_after_success() -> None:
-    back_off = BackOff()
-    assert [back_off.after() for _ in range(7)] == [0.5, 1.0, 2.0, 4.0, 8.0, 15.0, 15.0]
-    back_off.reset()
-    assert back_off.after() == 0.5
 
 
 def test_a_turned_camera_is_told_once_per_turn(caplog) -> None:

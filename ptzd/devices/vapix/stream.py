@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
+from ptzd.backoff import Backoff
 from ptzd.config import Ptz
-from ptzd.devices.backoff import Backoff
 from ptzd.devices.mjpeg_http import read_mjpeg
 from ptzd.devices.vapix import requests
 from ptzd.devices.vapix.client import CameraClient
@@ -49,7 +49,7 @@ class ViewStream:
         self._stall_s = max(settings.stall_s, PICTURES_PER_STALL / settings.fps)
         self._client = client
         self._clock = clock
-        self._backoff = Backoff(jitter)
+        self._backoff = Backoff(jitter=jitter)
         self._seq = 0
         self._lost = 0
         self._interval_ns = round(1e9 / settings.fps)

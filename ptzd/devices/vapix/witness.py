@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import aiohttp
 
-from ptzd.devices.backoff import Backoff
+from ptzd.backoff import Backoff
 from ptzd.devices.vapix import requests
 from ptzd.devices.vapix.client import CameraClient
 from ptzd.devices.vapix.failures import NotOffered
@@ -51,7 +51,7 @@ class MotionWitness:
         self._poses = poses
         self._clock = clock
         self._channel = f"Channel_{camera}"
-        self._backoff = Backoff(jitter)
+        self._backoff = Backoff(jitter=jitter)
 
     async def run(self) -> None:
         """Listen, again and again; returns when the camera does not offer events to this account."""

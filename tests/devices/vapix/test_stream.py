@@ -7,7 +7,6 @@ import pytest
 from aiohttp import web
 
 from ptzd.config import Limits
-from ptzd.devices.backoff import Backoff
 from ptzd.devices.vapix.head import VapixHead
 from ptzd.errors import DeviceGarbled, DeviceLost
 
@@ -107,11 +106,3 @@ async def test_pictures_of_another_size_are_refused(camera, settings_for, clock)
     async with VapixHead(settings_for(camera, size_px=(640, 480)), Limits(), clock) as head:
         with pytest.raises(DeviceGarbled, match=r"pictures of 64×48 px, not 640×480 px; set ptz\.size_px"):
             await head.describe()
-
-
-def test_pauses_double_up_to_half_a_minute_and_are_spread():
-    whole, half = Backoff(lambda: 0.0), Backoff(lambda: 0.999999)
-    assert [whole.pause_s() for _ in range(8)] == [0.5, 1, 2, 4, 8, 16, 30, 30]
-    assert [round(half.pause_s(), 2) for _ in range(3)] == [0.25, 0.5, 1]
-    whole.reset()
-    assert whole.pause_s() == 0.5
