@@ -15,8 +15,6 @@ from ptzd.model import LeaseHeld
 RENEW_S = 1.0
 """Between two heartbeats; a rig that hears nothing for ``lease.silence_s`` (5 s) gives the head to who waits."""
 
-STEER_S = 0.1
-"""Between two words of a hand that steers: a head that hears nothing for 0.3 s stands."""
 
 Ask = Callable[[LeaseRequest], Awaitable[LeaseReply]]
 Move = Callable[[MoveRequest], Awaitable[MoveReply]]
