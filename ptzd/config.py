@@ -5,39 +5,37 @@ The text of ``config/ptzd.yaml`` documents every key; a test holds the two toget
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Annotated, Literal
 
 import msgspec
-from msgspec import Meta, Struct, field
+from msgspec import Meta, field
 
+from ptzd.config_types import (
+    DAY_S,
+    Angle,
+    Bytes,
+    Degrees,
+    Interval,
+    Name,
+    Part,
+    PositiveSeconds,
+    PositiveSpeed,
+    Probability,
+    Rate,
+    Seconds,
+    Share,
+    Size,
+    Word,
+    ZoomUnit,
+    check_order,
+    check_range,
+    converted,
+    refuse_not_finite,
+)
+from ptzd.config_zones import Zones, check_zones
 from ptzd.errors import ConfigError
 from ptzd.model import MATCH_BUDGET_S, Matcher
-
-DAY_S = 86_400.0
-Seconds = Annotated[float, Meta(ge=0, le=DAY_S)]
-PositiveSeconds = Annotated[float, Meta(gt=0, le=DAY_S)]
-Rate = Annotated[float, Meta(gt=0, le=1000)]
-"""Per second."""
-Degrees = Annotated[float, Meta(gt=0, le=360)]
-PositiveSpeed = Annotated[float, Meta(gt=0, le=1000)]
-Pixels = Annotated[int, Meta(ge=16, le=65_535)]
-Size = tuple[Pixels, Pixels]
-Bytes = Annotated[int, Meta(ge=1_000_000, le=1 << 50)]
-Word = Annotated[int, Meta(ge=-(1 << 31), le=(1 << 31) - 1)]
-"""What one driver control takes."""
-Share = Annotated[float, Meta(ge=0.05, le=0.95)]
-Probability = Annotated[float, Meta(ge=0, le=1)]
-Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9._-]{1,64}$(?!\n)")]
-Interval = tuple[float, float]
-Angle = Annotated[float, Meta(ge=-720, le=720)]
-ZoomUnit = Annotated[float, Meta(ge=0, le=100_000)]
-FARTHEST_M = 1e6
-
-
-class Part(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What all parts share: frozen, keyword-only, unknown keys refused."""
 
 
 class V4l2Source(Part, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="source", tag="v4l2"):
@@ -275,6 +273,8 @@ class Config(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     drift: DriftSettings = DriftSettings()
     motor: Motor = Motor()
     shadow: Shadow = Shadow()
+    zones: Zones = ()
+    """Or the name of a file that holds them, under the key ``zones``."""
 
 
 WHILE_RUNNING = (
@@ -338,29 +338,11 @@ def parse_config(document: object, name: str) -> Config:
     """
     if not isinstance(document, dict):
         raise ConfigError(f"{name}: the file must hold a mapping of settings, got {type(document).__name__}")
-    _refuse_not_finite(document, name, "")
-    try:
-        config = msgspec.convert(document, Config, strict=True)
-    except msgspec.ValidationError as error:
-        text, _, path = str(error).partition(" - at `")
-        raise ConfigError(f"{name}: {path.rstrip('`').removeprefix('$.') or '(top level)'}: {text}") from None
+    refuse_not_finite(document, name, "")
+    config = converted(document, Config, name)
     _check_ranges(config, name)
+    check_zones(config.zones, name)
     return config
-
-
-ENDLESS = "search.range_m[1]"
-"""The only number that may be infinite: the far end of the search."""
-
-
-def _refuse_not_finite(value: object, name: str, path: str) -> None:
-    if isinstance(value, float) and (math.isnan(value) or (math.isinf(value) and (path != ENDLESS or value < 0))):
-        raise ConfigError(f"{name}: {path}: {value} is no number that can be used here; give a finite one")
-    if isinstance(value, dict):
-        for key, item in value.items():
-            _refuse_not_finite(item, name, f"{path}.{key}".removeprefix("."))
-    if isinstance(value, list):
-        for index, item in enumerate(value):
-            _refuse_not_finite(item, name, f"{path}[{index}]")
 
 
 def _check_ranges(config: Config, name: str) -> None:
@@ -368,16 +350,10 @@ def _check_ranges(config: Config, name: str) -> None:
         "limits.pan_deg": config.limits.pan_deg,
         "limits.tilt_deg": config.limits.tilt_deg,
         "limits.zoom": config.limits.zoom,
-        "search.range_m": config.search.range_m,
     }
-    for path, (low, high) in intervals.items():
-        if low >= high:
-            raise ConfigError(f"{name}: {path}: the first value must be below the second, got {low}, {high}")
-    near, far = config.search.range_m
-    if near <= 0:
-        raise ConfigError(f"{name}: search.range_m: the nearest range must be above 0, got {near}")
-    if near < 1 / FARTHEST_M or (far > FARTHEST_M and not math.isinf(far)):
-        raise ConfigError(f"{name}: search.range_m: {near:g} to {far:g} is beyond {1 / FARTHEST_M:g} to {FARTHEST_M:g}")
+    for path, interval in intervals.items():
+        check_order(interval, f"{name}: {path}")
+    check_range(config.search.range_m, f"{name}: search.range_m")
     for axis, value in (
         ("pan_deg", config.home.pan_deg),
         ("tilt_deg", config.home.tilt_deg),

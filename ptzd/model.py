@@ -28,6 +28,17 @@ class Matcher(StrEnum):
     HARRIS = "harris"
 
 
+class ZoneKind(StrEnum):
+    """What is forbidden in a zone."""
+
+    NO_GO = "no_go"
+    """The optical axis neither rests there nor passes through."""
+    PRIVACY = "privacy"
+    """May be passed; never dwelt on nor zoomed into, black in every picture."""
+    IGNORE = "ignore"
+    """Boxes whose centre lies inside are refused."""
+
+
 class Outcome(StrEnum):
     """How a request ended. Every accepted or refused request has exactly one."""
 

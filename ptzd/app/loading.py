@@ -11,10 +11,15 @@ import yaml
 from ptzd.calibrate.refined import in_force
 from ptzd.calibration.file import read_rig
 from ptzd.config import Config, FilesSource, HttpSource, parse_config
+from ptzd.config_zones import parse_zones
+from ptzd.control.activities.home import home_of
+from ptzd.control.planning.reach import reach_of
+from ptzd.control.planning.zones import zones_of
 from ptzd.devices.vapix.address import Address
 from ptzd.documents import DocumentError, parse_yaml, read_text
 from ptzd.errors import CalibrationError, ConfigError
 from ptzd.geometry.rig import Rig
+from ptzd.model import HeadLimits
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,10 +87,23 @@ def checked_rig(config: Config, text: str, name: str) -> Rig:
     if rig.zoom.size_px != config.ptz.size_px:
         sizes = f"calibrated at {_size(rig.zoom.size_px)}, ptz.size_px asks for {_size(config.ptz.size_px)}"
         raise CalibrationError(f"{name}: ptz.size_px: {sizes}; make them the same")
+    _check_home(config, rig)
     low, high = rig.zoom.zoom_range
     if not low <= config.home.zoom <= high:
         raise ConfigError(f"home.zoom: {config.home.zoom:g} is outside the calibrated zooms {low:g} to {high:g}")
     return rig
+
+
+def _check_home(config: Config, rig: Rig) -> None:
+    """Refuse zones that are no polygons, and those that the head would rest in."""
+    zones = zones_of(config, rig)
+    limits = config.limits
+    widest = HeadLimits(pan_deg=limits.pan_deg, tilt_deg=limits.tilt_deg, zoom=limits.zoom)
+    home = home_of(config)
+    objection = reach_of(widest, rig, zones).objection(home)
+    if objection is not None:
+        place = f"home (pan {home.pan_deg:g}°, tilt {home.tilt_deg:g}°, zoom {home.zoom:g})"
+        raise ConfigError(f"zones: {place} is {objection}; move home or the zone")
 
 
 def load_config(path: Path) -> Config:
@@ -102,7 +120,19 @@ def load_config(path: Path) -> Config:
         raise ConfigError(f"{path}: {error.strerror}; give the settings with --config FILE") from None
     except DocumentError as error:
         raise ConfigError(f"{path}: {error}") from None
+    if isinstance(document, dict) and isinstance(document.get("zones"), str):
+        document = {**document, "zones": _zones(path.parent / document["zones"])}
     return parse_config(document, str(path))
+
+
+def _zones(path: Path) -> list[object]:
+    """What the file of zones holds: from here on it is part of the settings, and so of every log."""
+    try:
+        return parse_zones(parse_yaml(read_text(path)), str(path))
+    except OSError as error:
+        raise ConfigError(f"zones: {path} cannot be read ({error.strerror})") from None
+    except DocumentError as error:
+        raise ConfigError(f"{path}: {error}") from None
 
 
 def _check_addresses(config: Config) -> None:

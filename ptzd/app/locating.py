@@ -200,7 +200,7 @@ def draw(located: Located) -> NDArray[np.uint8]:
 
 def _checked(box: Box, rig: Rig) -> None:
     try:
-        check_box(box, rig)
+        check_box(box, rig, ())
     except RequestRefused as refused:
         raise DataError(f"--box: {refused.message}") from None
 

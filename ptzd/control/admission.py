@@ -10,24 +10,28 @@ from ptzd.config import Config
 from ptzd.control.events import RequestReceived, ZoomWish
 from ptzd.control.memory import Memory
 from ptzd.control.requests import Request
-from ptzd.control.work import seconds
+from ptzd.control.work import Work, seconds
 from ptzd.errors import RequestRefused
 from ptzd.geometry.rig import Rig
-from ptzd.model import MIN_BOX_SIDE_PX, Box, FrameRef, Region, RegionAsked
+from ptzd.geometry.zones import Zone
+from ptzd.model import MIN_BOX_SIDE_PX, Box, FrameRef, Region, RegionAsked, ZoneKind
 
+CLOSED_TO_BOXES = frozenset({ZoneKind.IGNORE, ZoneKind.PRIVACY})
+"""What a no-go zone holds may still be looked at from beside it."""
 SAME_FRAME_NS = 5_000_000
 """A time stamp names the frame at most 5 ms away: a sixth of a frame at 30 fps; clients copy stamps, not clocks."""
 
 
-def admit(event: RequestReceived, t_ns: int, memory: Memory, rig: Rig, config: Config) -> Request:
-    """Turn a structurally valid request that came at ``t_ns`` into an accepted one.
+def admit(event: RequestReceived, memory: Memory, work: Work) -> Request:
+    """Turn a structurally valid request that came at ``work.t_ns`` into an accepted one.
 
     Raises
     ------
     RequestRefused
-        With code ``invalid``, ``outside``, ``stale_frame`` or ``no_frame`` and the path of the culprit.
+        With code ``invalid``, ``outside``, ``zone``, ``stale_frame`` or ``no_frame`` and the path of the culprit.
     """
-    region = find_region(event, t_ns, memory, rig, config)
+    rig, config, t_ns = work.rig, work.config, work.t_ns
+    region = find_region(event, memory, work)
     hold_s = config.lock.hold_s if event.hold_s is None else event.hold_s
     timeout_s = config.queue.timeout_s if event.timeout_s is None else event.timeout_s
     return Request(
@@ -46,14 +50,15 @@ def admit(event: RequestReceived, t_ns: int, memory: Memory, rig: Rig, config: C
     )
 
 
-def find_region(asked: RegionAsked, t_ns: int, memory: Memory, rig: Rig, config: Config) -> Region:
-    """The region that somebody asked for at ``t_ns``; errors as for :func:`admit`."""
-    check_box(asked.box, rig)
-    return Region(box=asked.box, frame=_frame(asked.frame_seq, asked.frame_t_capture_ns, memory, t_ns, config))
+def find_region(asked: RegionAsked, memory: Memory, work: Work) -> Region:
+    """The region that somebody asked for at ``work.t_ns``; errors as for :func:`admit`."""
+    check_box(asked.box, work.rig, work.zones)
+    frame = _frame(asked.frame_seq, asked.frame_t_capture_ns, memory, work.t_ns, work.config)
+    return Region(box=asked.box, frame=frame)
 
 
-def check_box(box: Box, rig: Rig) -> None:
-    """Refuse boxes that are too small, outside the picture or outside the lens' image circle."""
+def check_box(box: Box, rig: Rig, zones: tuple[Zone, ...]) -> None:
+    """Refuse boxes that are too small, outside the picture or the lens' image circle, or in a zone closed to them."""
     for name, side in (("w", box.w), ("h", box.h)):
         if side < MIN_BOX_SIDE_PX:
             raise RequestRefused(
@@ -64,8 +69,12 @@ def check_box(box: Box, rig: Rig) -> None:
         if low < -0.5 or high > size - 0.5:
             message = f"box reaches from {low:g} to {high:g} px, the picture from -0.5 to {size - 0.5:g} px"
             raise RequestRefused("outside", message, f"$.box.{name}")
-    if not bool(rig.fisheye.lift(np.array(box.centre))[1]):
+    ray, valid = rig.fisheye.lift(np.array(box.centre))
+    if not bool(valid):
         raise RequestRefused("outside", "the box's centre lies outside the fisheye's image circle", "$.box")
+    for zone in zones:
+        if zone.kind in CLOSED_TO_BOXES and zone.holds_ray(ray):
+            raise RequestRefused("zone", f"the box's centre lies in the {zone.kind} zone {zone.name}", "$.box")
 
 
 def _frame(seq: int | None, t_capture_ns: int | None, memory: Memory, t_ns: int, config: Config) -> FrameRef:

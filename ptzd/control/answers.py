@@ -26,12 +26,12 @@ class Answers:
     def on_arrived(self, event: ev.HeadArrived) -> None:
         """The head rests at the target."""
         self.work.came_to_rest(event.move_id)
-        self.work.head.reading = event.reading
-        if self.work.answers_head(Awaited.MOVE, event.move_id) and self.memory.holder is not None:
+        if self.work.arrived(event.move_id, event.reading) and self.memory.holder is not None:
             self.authority.apply(self.memory.holder.activity.on_arrived(self.work))
 
-    def on_spared(self) -> None:
-        """Moves that need no motor are done at once."""
+    def answer_at_once(self) -> None:
+        """No camera answers moves that a zone refused, and those that need no motor."""
+        self.authority.tell_refusals()
         while self.work.spared and self.memory.holder is not None:
             if not self.work.answers_head(Awaited.MOVE, self.work.spared[-1]):
                 return

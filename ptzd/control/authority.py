@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import cast
 
-from ptzd.control.activities.activity import Next, Over, Step
+from ptzd.control.activities.activity import Activity, Failure, Next, Over, Step
 from ptzd.control.activities.home import Home, is_there
 from ptzd.control.activities.lock import Lock
 from ptzd.control.activities.manual import Manual
@@ -16,7 +16,7 @@ from ptzd.control.memory import AnyActivity, Claim, Memory
 from ptzd.control.motor import Spent, spent
 from ptzd.control.ranks import Rank
 from ptzd.control.shadow import NOT_TOLD
-from ptzd.control.work import Work, seconds
+from ptzd.control.work import Awaited, Work, seconds
 from ptzd.model import Outcome
 
 MAX_RESCANS = 1
@@ -47,7 +47,10 @@ class Authority:
     def apply(self, step: Step) -> None:
         """Go on as the holder's activity answered."""
         holder = self.memory.holder
-        if holder is None or step is None:
+        if holder is None:
+            return
+        step = self._told_refusals(holder.activity, step)
+        if step is None:
             return
         if isinstance(step, Over):
             again = self._again(holder, step)
@@ -228,13 +231,26 @@ class Authority:
     def _begin(self, claim: Claim) -> None:
         """Give the head to a claim; one that cannot even begin leaves it to whoever has it."""
         before, self.memory.holder = self.memory.holder, claim
-        step = claim.activity.begin(self.work)
+        step = self._told_refusals(claim.activity, claim.activity.begin(self.work))
         if isinstance(step, Over):
             self.memory.holder = before
             if claim.task is not None:
                 self.desk.end_served(claim, step)
         elif claim.rank > Rank.HOME:
             self.forget_homing()
+
+    def tell_refusals(self) -> None:
+        """A move that was asked for outside of a step, and that a zone did not let be made, is told all the same."""
+        if self.work.refusal is not None:
+            self.apply(None)
+
+    def _told_refusals(self, activity: Activity, step: Step) -> Step:
+        """Tell an activity, step by step, of the moves that a zone did not let it make."""
+        while step is None and self.work.refusal is not None:
+            reason, self.work.refusal = self.work.refusal, None
+            step = activity.on_failed(self.work, Failure(what=Awaited.MOVE, reason=reason))
+        self.work.refusal = None
+        return step
 
     def _again(self, holder: Claim, over: Over) -> Next | None:
         """Search once more for what was found and lost; a client that had its lock has its whole time again."""

@@ -52,6 +52,14 @@ class SpareMove(Command):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RefuseMove(Command):
+    """A move that is not made, for the log and the journal; whoever wanted it is told on his own way."""
+
+    target: HeadReading
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StopHead(Command):
     """Stop every axis; a move under way gives no further answer. Answered by HeadStopped."""
 

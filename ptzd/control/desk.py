@@ -58,7 +58,7 @@ class Desk:
             rank = self.rank(event.priority, event.by)
             self._check_room(rank)
             self._check_budget(event, rank)
-            request = admission.admit(event, self.work.t_ns, self.memory, self.work.rig, self.work.config)
+            request = admission.admit(event, self.memory, self.work)
         except RequestRefused as refused:
             self.refuse(event.token, refused, event.id)
             return None
@@ -139,7 +139,7 @@ class Desk:
         memory, work = self.memory, self.work
         try:
             self._check_budget_of_update(request)
-            region = admission.find_region(event, work.t_ns, memory, work.rig, work.config)
+            region = admission.find_region(event, memory, work)
         except RequestRefused as refused:
             self.refuse_update(event, refused, told=True)
             return None

@@ -41,12 +41,14 @@ class Health:
         self.work.head.reading, self.work.head.motion = event.reading, event.motion
         if not self.work.config.shadow.enabled:
             self.work.head.travel.report(event.reading, self.work.t_ns)
+        if event.motion is Motion.STABLE:
+            self.work.reported_rest(event.reading)
         if self.memory.serving and self.memory.holder is not None:
             self.authority.apply(self.memory.holder.activity.on_reading(self.work))
 
     def on_foreign_motion(self, event: ev.ForeignMotion) -> None:
         """Somebody else moves the head: it is left to them."""
-        self.work.head.reading = event.reading
+        self.work.head.reading, self.work.head.span = event.reading, None
         self.authority.leave_home()
         self.authority.end_request(Outcome.PREEMPTED, "somebody else moves the camera")
         self.authority.forget_homing()

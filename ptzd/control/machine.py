@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 
-from ptzd.config import Config, with_parts
+from ptzd.config import Config
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
 from ptzd.control.answers import Answers
@@ -71,7 +71,7 @@ class Machine:
             ev.MatchFinished: answers.on_match,
             ev.MatchFailed: answers.on_match_failed,
             ev.DeadlinePassed: answers.on_deadline,
-            ev.SettingsChanged: self._on_settings,
+            ev.SettingsChanged: work.on_settings,
             ev.ShutdownRequested: operator.on_shutdown,
         }
 
@@ -138,14 +138,11 @@ class Machine:
             self._operator.after_shutdown(event)
         else:
             self._handlers[type(event)](event)
-            self._answers.on_spared()
+            self._answers.answer_at_once()
         if self.state not in allowed:
             raise AssertionError(f"{before} → {self.state} on {type(event).__name__} is not in the table")
         self._publish_status()
         return self._work.out
-
-    def _on_settings(self, event: ev.SettingsChanged) -> None:
-        self._work.config = with_parts(self._work.config, event.parts)
 
     def _publish_status(self) -> None:
         status, told = self._memory.status(shadow=self.config.shadow.enabled), self._memory.published

@@ -51,6 +51,9 @@ class Moves:
             raise self._lost()
         fill = self.work.config.lock.fill
         target = set_point(self.work.rig, limits, event, start=start, rests=rests, fill=fill)
+        way = self.work.way_to(target)
+        if isinstance(way, str):
+            raise RequestRefused("zone", way, f"$.{event.wish}")
         self._take_over(lease)
         lease.go(self.work, target)
         if event.token is None:

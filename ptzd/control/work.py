@@ -6,12 +6,18 @@ import math
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from ptzd.config import Config
+from ptzd.config import Config, with_parts
 from ptzd.control import commands as cmd
+from ptzd.control import events as ev
 from ptzd.control.motor import Travel
+from ptzd.control.planning.by_hand import FORESIGHT_S
 from ptzd.control.planning.ranges import RangeMap
+from ptzd.control.planning.reach import Reach, reach_of
+from ptzd.control.planning.span import Span
+from ptzd.control.planning.zones import zones_of
 from ptzd.errors import GeometryError
 from ptzd.geometry.rig import Rig
+from ptzd.geometry.zones import Zone
 from ptzd.model import Box, FrameRef, HeadLimits, HeadReading, HeadSpeed, Motion, ViewRef
 
 GRAB_GUARD_NS = 7_000_000_000
@@ -24,6 +30,10 @@ MATCH_GUARD_NS = 30_000_000_000
 """A match takes milliseconds; a worker silent for this long is stuck."""
 MOVE_GUARD_NS = 5_000_000_000
 """On top of the head's own time-out, which answers first unless the adapter is stuck."""
+REACTION_S = 0.44
+"""How long a head that is steered may go on at the speed before: a report, an order and the brakes together."""
+UNSURE_NS = 1_000_000_000
+"""After an order, reports of rest may be of the rest before it."""
 
 
 class Awaited(StrEnum):
@@ -41,6 +51,8 @@ class HeadWork:
     kind: Awaited
     id: int
     until_ns: int
+    way: list[HeadReading] = field(default_factory=list)
+    """Set points of a move that come after the one it is on its way to, around a zone."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -70,6 +82,14 @@ class HeadState:
     moved_ns: int = 0
     """When the last move was asked for: a picture at rest after it shows where it led."""
     next_id: int = 1
+    span: Span | None = None
+    """Where it may be by what it was told, kept while there are no-go zones; None: where it was reported last."""
+    bound_for: HeadReading | None = None
+    """Set point of the last move."""
+    steered: HeadSpeed | None = None
+    """The speed it was told last, as long as it is not known to rest."""
+    unsure_ns: int = 0
+    """Reports of rest from then on are of the rest after the last order."""
 
 
 def seconds(value: float) -> int:
@@ -85,14 +105,32 @@ class Work:
     config: Config
     head: HeadState
     ranges: RangeMap
+    zones: tuple[Zone, ...] = field(init=False)
     t_ns: int = 0
     out: list[cmd.Command] = field(default_factory=list)
     spared: list[int] = field(default_factory=list)
     """Moves that this event asked for and that are done without the motor."""
 
+    refusal: str | None = None
+    """Why the move asked for last was not made; whoever asked is told once his step is over."""
+
+    def __post_init__(self) -> None:
+        self.zones = zones_of(self.config, self.rig)
+
     def begin(self, t_ns: int) -> None:
         """Be about the next event."""
-        self.t_ns, self.out, self.spared = t_ns, [], []
+        self.t_ns, self.out, self.spared, self.refusal = t_ns, [], [], None
+
+    def on_settings(self, event: ev.SettingsChanged) -> None:
+        """Other settings hold from now on."""
+        self.config = with_parts(self.config, event.parts)
+
+    @property
+    def reach(self) -> Reach:
+        """Where the head may go."""
+        if self.head.limits is None:
+            raise AssertionError("a reach without limits")
+        return reach_of(self.head.limits, self.rig, self.zones)
 
     def _new_id(self) -> int:
         number = self.head.next_id
@@ -101,6 +139,9 @@ class Work:
 
     def move(self, target: HeadReading) -> None:
         """Move the head, unless it rests there already; replaces whatever it was asked before.
+
+        A zone in between is gone around. Where none of the ways leads there, or the target lies in a zone, nothing
+        moves: whoever has the head is told by `Activity.on_failed`, and everybody by a `RefuseMove`.
 
         Raises
         ------
@@ -113,17 +154,45 @@ class Work:
                 f"move to pan {target.pan_deg:.3f}°, tilt {target.tilt_deg:.3f}°, zoom {target.zoom:.0f} "
                 f"is outside the limits {limits}"
             )
-        number = self._new_id()
+        way = self.way_to(target)
+        if isinstance(way, str):
+            self.head.asked, self.refusal = None, way
+            self.out.append(cmd.RefuseMove(target=target, reason=way))
+        else:
+            self._leg(way)
+
+    def way_to(self, target: HeadReading) -> list[HeadReading] | str:
+        """Set points that lead to a target within the limits, or why the head does not go there."""
+        reach, head = self.reach, self.head
+        pose = f"pan {target.pan_deg:.2f}°, tilt {target.tilt_deg:.2f}°"
+        objection = reach.objection(target)
+        if objection is not None:
+            return f"{pose} is {objection}"
+        if not reach.has_ways or head.reading is None:
+            return [target]
+        here, first = head.span or Span.at(head.reading), []
+        if not here.is_point and head.bound_for is not None and not reach.leg_free(here, target):
+            # under way, and nobody knows how far: it goes on to where it was sent, and from there
+            first, here = [head.bound_for], Span.at(head.bound_for)
+        way = reach.way(here, target, zoom=(first[0] if first else head.reading).zoom)
+        if way is None:
+            names = ", ".join(zone.name for zone in reach.no_go)
+            return f"no way leads around the no_go zones ({names}) to {pose}"
+        return [*first, *way]
+
+    def _leg(self, way: list[HeadReading]) -> None:
+        target, number = way[0], self._new_id()
         until = self.t_ns + seconds(self.config.ptz.move_timeout_s) + MOVE_GUARD_NS
-        self.head.asked = HeadWork(kind=Awaited.MOVE, id=number, until_ns=until)
+        self.head.asked = HeadWork(kind=Awaited.MOVE, id=number, until_ns=until, way=way[1:])
         self.head.moved_ns = self.t_ns
-        if self._rests_near(target) and len(self.spared) < MOST_SPARED:
+        if len(way) == 1 and self._rests_near(target) and len(self.spared) < MOST_SPARED:
             self.spared.append(number)
             self.head.travel.spared += 1
             self.out.append(cmd.SpareMove(move_id=number, target=target))
             return
         self.head.going = number
         self.head.travel.move(self.t_ns)
+        self._note_order(target)
         self.out.append(cmd.MoveHead(move_id=number, target=target))
 
     def steer(self, speed: HeadSpeed, until_ns: int) -> None:
@@ -135,6 +204,11 @@ class Work:
             self.head.travel.move(self.t_ns)  # however many words it takes to go on
         self.head.going = number
         self.head.moved_ns = self.t_ns
+        if self.reach.has_ways and self.head.reading is not None:
+            here = self.head.reading
+            self.head.span = self.drifting().drifted(speed, FORESIGHT_S)
+            self.head.bound_for, self.head.unsure_ns = here, until_ns + UNSURE_NS
+            self.head.steered = speed
         self.out.append(cmd.SteerHead(move_id=number, speed=speed, until_ns=until_ns))
 
     def dead_zone_deg(self, zoom: float) -> float:
@@ -158,6 +232,45 @@ class Work:
         """It is known where the move led, or the head was told to stand."""
         if move_id is None or move_id == self.head.going:
             self.head.going = None
+
+    def drifting(self) -> Span:
+        """Where a head that is steered may be by now: it goes on for a while at the speed that it was told."""
+        head = self.head
+        if head.reading is None:
+            raise AssertionError("a head that nobody has seen cannot be steered")
+        here = head.span if head.span is not None and head.steered is None else Span.at(head.reading)
+        return here if head.steered is None else here.drifted(head.steered, REACTION_S)
+
+    def _note_order(self, target: HeadReading) -> None:
+        """Keep where the head may be from now on."""
+        head, reach = self.head, self.reach
+        if reach.has_ways and head.reading is not None:
+            head.span = (head.span or Span.at(head.reading)).to(target, endless_pan=reach.limits.endless_pan)
+            head.bound_for, head.unsure_ns = target, self.t_ns + UNSURE_NS
+        head.steered = None
+
+    def arrived(self, number: int, reading: HeadReading) -> bool:
+        """Whether the head is where it was sent; at the end of one leg of a way the next one begins."""
+        self.head.reading = reading
+        asked = self.head.asked
+        if asked is None or not self.answers_head(Awaited.MOVE, number):
+            return False
+        self.rests(reading)
+        if asked.way:
+            self._leg(asked.way)
+        return not asked.way
+
+    def reported_rest(self, reading: HeadReading) -> None:
+        """A report says that the head rests: where it is, unless that may be of before the last order."""
+        moving = self.head.asked is not None and self.head.asked.kind is Awaited.MOVE
+        if not moving and self.t_ns >= self.head.unsure_ns:
+            self.rests(reading)
+
+    def rests(self, reading: HeadReading) -> None:
+        """It is known where the head is."""
+        self.head.steered = None
+        if self.head.span is not None:
+            self.head.span = Span.at(reading)
 
     def grab(self, not_before_ns: int) -> None:
         """Ask for a picture taken at rest at or after this time; after a move, rest before it never counts."""
@@ -199,6 +312,7 @@ class Work:
     def stop(self) -> None:
         """Stop the head; it is asked for nothing more."""
         self.head.asked = None
+        self.head.unsure_ns = self.t_ns + UNSURE_NS
         self.out.append(cmd.StopHead())
 
     def abandon(self) -> None:

@@ -77,6 +77,8 @@ class Narrator:
                 seconds = command.elapsed_ms / 1000
                 extra = {"request": command.id}
                 _log.log(level, text, command.id, command.outcome, seconds, command.reason, extra=extra)
+            case cmd.RefuseMove():
+                _log.warning("not moved: %s", command.reason, extra={"device": ev.Device.PTZ})
             case cmd.PublishStatus() if command.state != self._state:
                 level = logging.ERROR if command.state == State.FAULT else logging.DEBUG
                 _log.log(level, "%s → %s", self._state or "–", command.state)

@@ -98,6 +98,8 @@ class Pump:
                 pass
             case cmd.Finished():
                 self.finished.set()
+            case cmd.RefuseMove():
+                pass  # log and journal have it, and whoever wanted the move hears of it otherwise
             case (
                 cmd.MoveHead()
                 | cmd.SteerHead()

@@ -82,3 +82,68 @@ def test_a_calibration_that_is_a_folder_is_named(folder: Path) -> None:
     (folder / "ptzd.yaml").write_text(yaml.safe_dump({**SETTINGS, "calibration": "calibrations"}))
     with pytest.raises(CalibrationError, match=r"calibration: .*calibrations cannot be read"):
         load(folder / "ptzd.yaml")
+
+
+SUN = {"name": "sun", "kind": "no_go", "frame": "head", "corners_deg": [[40, 30], [60, 30], [60, 50], [40, 50]]}
+
+
+def with_zones(folder: Path, zones: object) -> Path:
+    (folder / "ptzd.yaml").write_text(yaml.safe_dump({**SETTINGS, "zones": zones}))
+    return folder / "ptzd.yaml"
+
+
+def test_zones_stand_in_the_settings_or_in_a_file_that_becomes_part_of_them(folder: Path) -> None:
+    inside = load(with_zones(folder, [SUN]))
+    (folder / "zones.yaml").write_text(yaml.safe_dump({"zones": [SUN]}))
+    beside = load(with_zones(folder, "zones.yaml"))
+    assert beside.config.zones == inside.config.zones
+    assert yaml.safe_load(beside.config_text)["zones"][0]["name"] == "sun", "the log has the zones themselves"
+
+
+def test_the_example_of_zones_is_taken(folder: Path) -> None:
+    example = Path(__file__).parents[2] / "config" / "zones.example.yaml"
+    (folder / "zones.yaml").write_text(example.read_text())
+    zones = load(with_zones(folder, "zones.yaml")).config.zones
+    assert {zone.kind for zone in zones} == {"no_go", "privacy", "ignore"}
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"kind": "nogo"}, r"zones\[1\].kind: Invalid enum value 'nogo'"),
+        ({"frame": "camera"}, r"zones\[1\].frame: Invalid value 'camera'"),
+        ({"corners_deg": [[40, 30], [60, 30]]}, r"zones\[1\].corners_deg: .* length >= 3"),
+        ({"corners_deg": [[40, 30], [60, 50], [60, 30], [40, 50]]}, r"zones\[1\] \(two\): the edge .* crosses"),
+        ({"corners_deg": [[-90, 0], [0, 80], [90, 0], [0, -80]]}, r"zones\[1\] \(two\): .* split it into smaller ones"),
+        ({"corners_deg": [[0, -5], [5, 100], [5, 0]]}, r"zones\[1\] \(two\): tilt beyond ±90°"),
+        ({"corners_deg": [[40, 30], [60, 30], [40, float("nan")]]}, r"zones\[1\].corners_deg\[2\]\[1\]: nan"),
+        ({"name": "sun"}, r"zones\[1\].name: sun is the name of zones\[0\] already"),
+        ({"name": "two words"}, r"zones\[1\].name"),
+        ({"range_m": [5, 2]}, r"zones\[1\].range_m: the first value must be below the second"),
+        ({"range_m": [0, 2]}, r"zones\[1\].range_m: the nearest range must be above 0"),
+        ({"corners_px": [[1, 2]]}, r"zones\[1\]: Object contains unknown field `corners_px`"),
+        ({"corners_deg": [[-9, -9], [9, -9], [9, 9], [-9, 9]]}, r"zones: home .* is in the no_go zone two; move home"),
+        (
+            {"corners_deg": [[-9, -9], [9, -9], [9, 9], [-9, 9]], "kind": "privacy"},
+            r"zones: home .* is in the privacy zone two; move home",
+        ),
+    ],
+)
+@pytest.mark.parametrize("file", [False, True])
+def test_a_zone_that_is_none_is_named_in_one_line(folder: Path, change: dict, says: str, file: bool) -> None:
+    zones = [SUN, {**SUN, "name": "two", **change}]
+    (folder / "zones.yaml").write_text(yaml.safe_dump({"zones": zones}))
+    with pytest.raises(ConfigError, match=says) as error:
+        load(with_zones(folder, "zones.yaml" if file else zones))
+    assert "\n" not in str(error.value)
+
+
+def test_a_file_of_zones_that_is_not_there_or_holds_none_is_named(folder: Path) -> None:
+    with pytest.raises(ConfigError, match=r"zones: .*missing.yaml cannot be read"):
+        load(with_zones(folder, "missing.yaml"))
+    (folder / "zones.yaml").write_text("zones: [\n")
+    with pytest.raises(ConfigError, match=r"zones.yaml: line 2"):
+        load(with_zones(folder, "zones.yaml"))
+    (folder / "zones.yaml").write_text("[]\n")
+    with pytest.raises(ConfigError, match=r"zones.yaml: \(top level\): Expected `object`"):
+        load(with_zones(folder, "zones.yaml"))

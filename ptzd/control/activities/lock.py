@@ -11,14 +11,14 @@ import numpy as np
 from ptzd.control.activities.activity import Activity, Failure, Over, Step, out_of_time
 from ptzd.control.planning.decision import Thresholds, Verdict, decide, direction_sigma_rad
 from ptzd.control.planning.neighbourhood import arc_of, band_rad, neighbourhood
-from ptzd.control.planning.reach import nearest, well_inside
+from ptzd.control.planning.reach import well_inside
 from ptzd.control.planning.zoom import SAFE_SHARE, zoom_wanted
 from ptzd.control.requests import Task
 from ptzd.control.states import State
 from ptzd.control.work import Awaited, Work, seconds
 from ptzd.geometry.sphere import angle_between, bearing, pan_tilt
-from ptzd.geometry.types import pixel_angle_rad
-from ptzd.model import Candidate, HeadLimits, HeadReading, MatchResult, Outcome, ViewRef
+from ptzd.geometry.types import Array, pixel_angle_rad
+from ptzd.model import Candidate, HeadLimits, HeadReading, MatchResult, Outcome, ViewRef, ZoneKind
 
 NARROW_PX = 4.0
 """Half width of the search around a known place, in fisheye pixels along the arc."""
@@ -244,24 +244,36 @@ class Lock(Activity, kw_only=True, tag="lock"):
         return self._aim(work)
 
     def _aim(self, work: Work) -> Step:
-        """Point at the place, or as near as the limits let the head, if it is well inside the picture from there."""
-        limits = _limits(work)
+        """Point at the place, or as near as limits and zones let the head, if it is well inside the picture there."""
         direction = bearing(self.place.pan_rad, self.place.tilt_rad)
+        zone = work.reach.holds(direction)
+        if zone is not None and zone.kind is ZoneKind.PRIVACY:
+            reason = f"the target lies in the privacy zone {zone.name}"
+            return Over(outcome=Outcome.UNREACHABLE, reason=reason, probability=self.probability)
         target = work.rig.aim(direction, self.zoom)
-        self.off_centre = not limits.contains(target)
-        if self.off_centre:
+        self.off_centre = False
+        if not work.reach.contains(target):
             self.zoom, self.may_zoom = self.wide_zoom, False
             self.phase = Phase.CENTRING if self.phase is Phase.ZOOMING else self.phase
-            at_limit = nearest(work.rig.aim(direction, self.zoom), limits)
-            place = f"pan {target.pan_deg:.2f}°, tilt {target.tilt_deg:.2f}°"
-            if not well_inside(work.rig, direction, at_limit):
-                reason = f"the target at {place} is outside the head's limits"
-                return Over(outcome=Outcome.UNREACHABLE, reason=reason, probability=self.probability)
-            self.note = (
-                f"held off the picture's centre: tilt {target.tilt_deg:.2f}°, pan {target.pan_deg:.2f}° is past a limit"
-            )
-            target = at_limit
+            allowed = work.reach.nearest(work.rig.aim(direction, self.zoom))
+            over = self._past_limits(work, direction, target, allowed)
+            if over is not None:
+                return over
+            target, self.zoom = allowed, allowed.zoom
         work.move(target)
+        return None
+
+    def _past_limits(self, work: Work, direction: Array, target: HeadReading, allowed: HeadReading) -> Over | None:
+        """Say why the head looks from elsewhere, or less closely, than it would; the end when it is too far off."""
+        objection = work.reach.objection(target)
+        self.off_centre = (allowed.pan_deg, allowed.tilt_deg) != (target.pan_deg, target.tilt_deg)
+        outside = "outside the head's limits" if objection is None else objection
+        if not well_inside(work.rig, direction, allowed):
+            reason = f"the target at pan {target.pan_deg:.2f}°, tilt {target.tilt_deg:.2f}° is {outside}"
+            return Over(outcome=Outcome.UNREACHABLE, reason=reason, probability=self.probability)
+        why = "past a limit" if objection is None else objection
+        pose = f"tilt {target.tilt_deg:.2f}°, pan {target.pan_deg:.2f}°"
+        self.note = f"held off the picture's centre: {pose} is {why}" if self.off_centre else f"shown no closer: {why}"
         return None
 
     def _adopt_newest(self, work: Work) -> bool:

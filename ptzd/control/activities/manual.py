@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from ptzd.control.activities.activity import Activity, Failure, Over, Step
-from ptzd.control.planning.by_hand import within_limits
+from ptzd.control.planning.by_hand import FORESIGHT_S, at_rest_below_slowest, within_limits
 from ptzd.control.states import State
 from ptzd.control.work import Work, seconds
 from ptzd.model import HeadReading, HeadSpeed, LeaseHeld
@@ -63,11 +63,9 @@ class Manual(Activity, kw_only=True, tag="manual"):
     def on_reading(self, work: Work) -> Step:
         """On the way to a limit the speed falls."""
         if self.wanted is not None and self.sent is not None and work.t_ns < self.steered_until_ns:
-            limits, reading = work.head.limits, work.head.reading
-            if limits is not None and reading is not None:
-                granted, _ = within_limits(limits, reading, self.wanted)
-                if _much_slower(granted, self.sent):
-                    self._send(work, self.wanted)
+            granted, _ = _granted(work, self.wanted)
+            if _much_slower(granted, self.sent):
+                self._send(work, self.wanted)
         return None
 
     def on_arrived(self, work: Work) -> Step:
@@ -83,10 +81,7 @@ class Manual(Activity, kw_only=True, tag="manual"):
         return None
 
     def _send(self, work: Work, wanted: HeadSpeed) -> tuple[HeadSpeed, str]:
-        limits, reading = work.head.limits, work.head.reading
-        granted, slowed_by = wanted, ""
-        if limits is not None and reading is not None:
-            granted, slowed_by = within_limits(limits, reading, wanted)
+        granted, slowed_by = _granted(work, wanted)
         self.sent = granted
         work.steer(granted, self.steered_until_ns)
         return granted, slowed_by
@@ -116,6 +111,18 @@ class Manual(Activity, kw_only=True, tag="manual"):
     def wakes_ns(self, work: Work) -> int | None:
         """See `Activity`."""
         return self.until_ns(work)
+
+
+def _granted(work: Work, wanted: HeadSpeed) -> tuple[HeadSpeed, str]:
+    """What limits and no-go zones leave of a speed, and which of them slowed it."""
+    limits, reading = work.head.limits, work.head.reading
+    if limits is None or reading is None:
+        return wanted, ""
+    granted, by_limits = within_limits(limits, reading, wanted)
+    if not work.reach.has_ways:
+        return granted, by_limits
+    granted, by_zones = work.reach.slowed(work.drifting(), granted, FORESIGHT_S)
+    return at_rest_below_slowest(granted), ", ".join(filter(None, (by_limits, by_zones)))
 
 
 def _much_slower(granted: HeadSpeed, sent: HeadSpeed) -> bool:

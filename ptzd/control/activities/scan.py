@@ -64,7 +64,8 @@ class Scan(Activity, kw_only=True, tag="scan"):
         wish_rad = None if wish is None else math.radians(wish)
         plan = _plan_by_map(work, self.task.request, wish_rad)
         if not plan.views:
-            reason = "no part of the region's epipolar arc lies within the head's limits; check limits and range_m"
+            where = "limits and outside the zones; check limits, zones" if work.zones else "limits; check limits"
+            reason = f"no part of the region's epipolar arc lies within the head's {where} and range_m"
             return Over(outcome=Outcome.UNREACHABLE, reason=reason)
         self._set_out(work, _poses(plan), plan.unreachable_in_words(metric=work.rig.metric))
         return None
@@ -130,7 +131,8 @@ class Scan(Activity, kw_only=True, tag="scan"):
         self.round, self.views, self.next_view, self.taken, self.matches = self.round + 1, views, 0, [], []
         detail: dict[str, object] = {"unreachable": missing} if missing else {}
         if missing:
-            self.notes.append(f"no pose within the head's limits shows {missing}")
+            within = "within the head's limits and outside the zones" if work.zones else "within the head's limits"
+            self.notes.append(f"no pose {within} shows {missing}")
         work.feedback(self.task.request.id, "plan", views=len(views), round=self.round, **detail)
         work.move(views[0])
 
@@ -246,7 +248,20 @@ def _plan(
     limits, present = work.head.limits, work.head.reading
     if limits is None or present is None:
         raise AssertionError("a scan without limits or a position")
-    return plan_views(work.rig, request.box, inverse_range, limits, present, hfov_rad=hfov_rad, towards=towards)
+    reach = work.reach if work.zones else None
+
+    def plan(other_rad: float | None) -> ScanPlan:
+        region, rig = request.region, work.rig
+        return plan_views(
+            rig, region.box, inverse_range, limits, present, hfov_rad=other_rad, towards=towards, reach=reach
+        )
+
+    found = plan(hfov_rad)
+    if reach is None or not reach.privacy or not found.unreachable:
+        return found
+    # beside a privacy zone only the widest pictures are taken
+    wide = plan(work.rig.zoom.camera_at(reach.widest).hfov_rad)
+    return wide if wide.unreachable_share < found.unreachable_share else found
 
 
 def _poses(plan: ScanPlan) -> list[HeadReading]:

@@ -179,11 +179,21 @@ def within_limits(limits: HeadLimits, reading: HeadReading, wanted: HeadSpeed) -
     for name, rate, place, ends, unit in zip(("pan", "tilt", "zoom"), asked, places, top, units, strict=True):
         free = name == "pan" and limits.endless_pan
         share = 1.0 if free or not rate else _share(rate * unit, place, ends)
-        granted.append(rate * share if abs(rate * share) >= SLOWEST[name] else 0.0)
+        granted.append(rate * share)
         if share < 1.0:
             slowed.append(f"{name} {ends[1] if rate > 0 else ends[0]:g}")
     pan, tilt, zoom = granted
-    return HeadSpeed(pan_deg_s=pan, tilt_deg_s=tilt, zoom_rate=zoom), ", ".join(slowed)
+    return at_rest_below_slowest(HeadSpeed(pan_deg_s=pan, tilt_deg_s=tilt, zoom_rate=zoom)), ", ".join(slowed)
+
+
+def at_rest_below_slowest(speed: HeadSpeed) -> HeadSpeed:
+    """A speed as the camera is told it: an axis too slow to be seen rests."""
+
+    def told(name: str, rate: float) -> float:
+        return rate if abs(rate) >= SLOWEST[name] else 0.0
+
+    pan, tilt, zoom = told("pan", speed.pan_deg_s), told("tilt", speed.tilt_deg_s), told("zoom", speed.zoom_rate)
+    return HeadSpeed(pan_deg_s=pan, tilt_deg_s=tilt, zoom_rate=zoom)
 
 
 def _share(speed: float, place: float, ends: tuple[float, float]) -> float:

@@ -16,6 +16,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from ptzd.control.planning.reach import Reach
 from ptzd.errors import GeometryError
 from ptzd.geometry.arc import EpipolarArc
 from ptzd.geometry.perspective import PerspectiveCamera
@@ -92,6 +93,7 @@ def plan_views(
     overlap_rad: float = 0.0,
     band_rad: float | None = None,
     towards: float | None = None,
+    reach: Reach | None = None,
 ) -> ScanPlan:
     """Return the views that show every direction where the box's target can be.
 
@@ -116,6 +118,8 @@ def plan_views(
         How far off the arc the target may be; without it from the rig's uncertainty.
     towards : float, optional
         Inverse range where the target is expected: a single view is aimed as near to it as it still shows all.
+    reach : Reach, optional
+        Poses that zones forbid are left out; beside a zone the head looks into it as far as the picture reaches.
 
     Raises
     ------
@@ -144,7 +148,7 @@ def plan_views(
     gaps: list[tuple[float, float]] = []
     length = missing = 0.0
     for piece in _pieces(arc):
-        cover = _Cover(rig=rig, arc=piece, limits=limits, planes=planes, margin_rad=margin)
+        cover = _Cover(rig=rig, arc=piece, limits=limits, planes=planes, margin_rad=margin, zoom=zoom, reach=reach)
         chosen, missed = cover.plan((inscribed - margin) / CANDIDATES_PER_VIEW)
         if towards is not None and len(chosen.low) == 1 and not missed:
             chosen = cover.slid(chosen, towards)
@@ -268,6 +272,8 @@ class _Cover:
     limits: HeadLimits
     planes: Array
     margin_rad: float
+    zoom: float
+    reach: Reach | None = None
 
     def plan(self, step_rad: float) -> tuple[_Aims, list[tuple[float, float]]]:
         """Return the chosen poses in the order of the arc, and the gaps, as angles along the arc, that none covers."""
@@ -310,12 +316,16 @@ class _Cover:
         turned = wrap_angle(pan - head.pan.offset_rad) + head.pan.offset_rad
         pan_deg = _into(head.pan.vapix_deg(turned), self.limits, 360.0 / head.pan.scale)
         tilt_deg = np.clip(head.tilt.vapix_deg(tilt), *self.limits.tilt_deg)
+        allowed = np.ones(len(pan_deg), dtype=bool)
+        if self.reach is not None:
+            pan_deg, tilt_deg, allowed = self.reach.moved_off(pan_deg, tilt_deg, self.zoom)
         normals = self._planes_in_head(head.pan.angle_rad(pan_deg), head.tilt.angle_rad(tilt_deg))
         along, aside = normals @ arc.rotated, normals @ arc.forward
         share = math.sin(self.margin_rad) / np.maximum(np.hypot(along, aside), 1e-12)
         reach = np.where(share <= 1.0, np.arccos(np.minimum(share, 1.0)), -np.inf)
         middle = angles[:, None] + wrap_angle(np.arctan2(aside, along) - angles[:, None])
         low, high = (middle - reach).max(axis=-1), (middle + reach).min(axis=-1)
+        low, high = np.where(allowed, low, np.inf), np.where(allowed, high, -np.inf)
         return _Aims(pan_deg=pan_deg, tilt_deg=tilt_deg, low=low, high=high)
 
     def _planes_in_head(self, pan: Array, tilt: Array) -> Array:
