@@ -154,6 +154,18 @@ class HeadSpeed:
     """-1 to 1: share of the fastest zoom, positive to the tele end."""
 
 
+AUTOMATIC = 0
+"""Focus or iris as the camera thinks best."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lens:
+    """Focus and iris in VAPIX units from 1, or `AUTOMATIC`; None: as it is."""
+
+    focus: int | None = None
+    iris: int | None = None
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeadLimits:
     """Where the head may go, in the camera's own units; ``endless_pan`` heads wrap at ±180°."""
@@ -164,6 +176,10 @@ class HeadLimits:
     endless_pan: bool = False
     top_deg_s: tuple[float, float] | None = None
     """Fastest continuous pan and tilt; None: not known."""
+    focus: tuple[float, float] | None = None
+    """VAPIX focus units; None: no focus by hand."""
+    iris: tuple[float, float] | None = None
+    """VAPIX iris units; None: no iris by hand."""
 
     def contains(self, reading: HeadReading, tolerance: float = 1e-6) -> bool:
         """Whether the reading lies inside, with a tolerance in the axis' own unit for rounding."""

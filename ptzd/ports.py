@@ -12,7 +12,7 @@ from typing import Protocol
 
 from ptzd.control.commands import Command, RunMatch
 from ptzd.control.events import Event, Snapshot
-from ptzd.model import FrameRef, HeadLimits, HeadReading, HeadSpeed, MatchResult, Motion, ViewRef
+from ptzd.model import FrameRef, HeadLimits, HeadReading, HeadSpeed, Lens, MatchResult, Motion, ViewRef
 from ptzd.outgoing import ImageAttachment, Pose
 
 
@@ -91,6 +91,10 @@ class PtzHead(Protocol):
 
         The stop is the adapter's own: it comes whatever becomes of the caller. Raises as :meth:`move` does.
         """
+        ...
+
+    async def set_lens(self, lens: Lens) -> None:
+        """Set focus and iris, or leave them to the camera; `DeviceRefused` when it has no such thing."""
         ...
 
     async def stop(self) -> None:

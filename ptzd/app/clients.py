@@ -6,7 +6,7 @@ from collections.abc import AsyncIterator
 
 import msgspec
 
-from ptzd.bus.by_hand import MoveReply, MoveRequest, PanTilt, PixelPtz, Speed
+from ptzd.bus.by_hand import LensWanted, MoveReply, MoveRequest, PanTilt, PixelPtz, Speed
 from ptzd.bus.client import Client
 from ptzd.bus.fields import BoxPx
 from ptzd.bus.messages import MESSAGES, Feedback, LeaseRequest, RoiResult, Status, schema
@@ -19,6 +19,7 @@ __all__ = [
     "Feedback",
     "LeaseHeld",
     "LeaseRequest",
+    "LensWanted",
     "MotorStatus",
     "MoveReply",
     "MoveRequest",

@@ -19,6 +19,7 @@ from ptzd.bus.replies import Replies
 from ptzd.bus.results import KeptResults
 from ptzd.control.commands import PublishStatus, ReplyMove
 from ptzd.errors import PtzdError, RequestRefused
+from ptzd.model import AUTOMATIC
 from ptzd.outgoing import ImageAttachment, Pose
 from ptzd.ports import Clock
 
@@ -238,9 +239,15 @@ def _fields(status: PublishStatus) -> dict[str, object]:
 
 def move_shown(move: ReplyMove) -> MoveReply:
     """What a hand does, as the bus tells it."""
+    if (lens := move.lens) is not None:
+        return MoveReply(focus=_said(lens.focus), iris=_said(lens.iris))
     if move.pose is None:
         return MoveReply(
             pan_deg_s=move.pan_deg_s, tilt_deg_s=move.tilt_deg_s, zoom_rate=move.zoom_rate, slowed_by=move.slowed_by
         )
     pose = move.pose
     return MoveReply(pan_deg=pose.pan_deg, tilt_deg=pose.tilt_deg, zoom=pose.zoom, hfov_deg=move.hfov_deg)
+
+
+def _said(value: int | None) -> int | Literal["auto"] | None:
+    return "auto" if value == AUTOMATIC else value

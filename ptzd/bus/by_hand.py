@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from msgspec import Meta
 
@@ -41,8 +41,18 @@ class ViewPose(Incoming, frozen=True):
     zoom: Annotated[float, Meta(ge=1, le=19999)]
 
 
+Auto = Literal["auto"]
+
+
+class LensWanted(Incoming, frozen=True):
+    """Focus and iris, in the camera's own units or automatic; absent = as it is."""
+
+    focus: Annotated[int, Meta(ge=1, le=9999)] | Auto | None = None
+    iris: Annotated[int, Meta(ge=1, le=9999)] | Auto | None = None
+
+
 class MoveRequest(Incoming, frozen=True):
-    """Whoever has the lease moves the head: exactly one of ``to``, ``by``, ``point``, ``box``, ``speed``."""
+    """Whoever has the lease moves the head: exactly one of ``to``, ``by``, ``point``, ``box``, ``speed``, ``lens``."""
 
     owner: Id
     to: PanTilt | None = None
@@ -54,6 +64,8 @@ class MoveRequest(Incoming, frozen=True):
     box: BoxPx | None = None
     """And zoom until this rectangle of the PTZ's picture fills it."""
     speed: Speed | None = None
+    lens: LensWanted | None = None
+    """Until the end of the lease; then both are automatic again."""
     hfov_deg: Annotated[float, Meta(gt=0, lt=180)] | None = None
     """How wide the picture is to be; absent = as it is."""
     fill: Annotated[float, Meta(ge=0.05, le=0.95)] | None = None
@@ -76,3 +88,6 @@ class MoveReply(Outgoing, frozen=True):
     zoom_rate: float | None = None
     slowed_by: str = ""
     """Which limit, where one slows it."""
+    focus: int | Auto | None = None
+    """What the camera took."""
+    iris: int | Auto | None = None

@@ -14,7 +14,7 @@ from typing import TypeVar
 import msgspec
 from msgspec import Struct
 
-from ptzd.bus.by_hand import MoveRequest
+from ptzd.bus.by_hand import LensWanted, MoveRequest
 from ptzd.bus.fields import BoxPx
 from ptzd.bus.keys import is_id
 from ptzd.bus.messages import FrameName, LeaseRequest, RangeM, RoiRequest, RoiUpdate, ZoomTo
@@ -29,7 +29,7 @@ from ptzd.control.events import (
     ZoomWish,
 )
 from ptzd.errors import RequestRefused
-from ptzd.model import Box, HeadPose
+from ptzd.model import AUTOMATIC, Box, HeadPose, Lens
 
 MAX_PAYLOAD_BYTES = 8192
 """Longest message accepted; the session's low-pass filter drops much longer ones before they get here."""
@@ -160,7 +160,13 @@ def move_event(payload: bytes, token: int | None) -> MoveAsked | PayloadRefused:
         zoom_rate=speed.zoom_rate if speed else 0.0,
         hfov_deg=asked.hfov_deg,
         fill=asked.fill,
+        lens=_lens(asked.lens) if asked.lens else None,
     )
+
+
+def _lens(wanted: LensWanted) -> Lens:
+    focus, iris = (AUTOMATIC if value == "auto" else value for value in (wanted.focus, wanted.iris))
+    return Lens(focus=focus, iris=iris)
 
 
 def check_move(asked: MoveRequest) -> MoveWish:
@@ -174,10 +180,11 @@ def check_move(asked: MoveRequest) -> MoveWish:
     given = [wish for wish in MoveWish if getattr(asked, wish) is not None]
     if len(given) != 1:
         there = " and ".join(given) or "none"
-        raise RequestRefused("invalid", f"expected exactly one of to, by, point, box, speed; there is {there}", "$")
+        raise RequestRefused("invalid", f"expected exactly one of {', '.join(MoveWish)}; there is {there}", "$")
     (wish,) = given
     allowed = {
         MoveWish.SPEED: frozenset[str](),
+        MoveWish.LENS: frozenset[str](),
         MoveWish.POINT: frozenset({"hfov_deg", "picture"}),
         MoveWish.BOX: frozenset({"hfov_deg", "picture", "fill"}),
     }.get(wish, frozenset({"hfov_deg"}))

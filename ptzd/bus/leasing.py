@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Awaitable, Callable
 
-from ptzd.bus.by_hand import MoveReply, MoveRequest, PanTilt, PixelPtz, Speed, ViewPose
+from ptzd.bus.by_hand import Auto, LensWanted, MoveReply, MoveRequest, PanTilt, PixelPtz, Speed, ViewPose
 from ptzd.bus.fields import BoxPx
 from ptzd.bus.messages import LeaseReply, LeaseRequest
 from ptzd.errors import BusError, RequestRefused
@@ -70,6 +70,10 @@ class KeptLease:
         """Turn and zoom at this speed for 0.3 s: say it again, ten times a second, for as long as it is to last."""
         speed = Speed(pan_deg_s=pan_deg_s, tilt_deg_s=tilt_deg_s, zoom_rate=zoom_rate)
         return await self._move(MoveRequest(owner=self._owner, speed=speed))
+
+    async def lens(self, *, focus: int | Auto | None = None, iris: int | Auto | None = None) -> MoveReply:
+        """Set focus and iris by hand, or ``"auto"``; until the end of the lease. Returns when the camera took it."""
+        return await self._move(MoveRequest(owner=self._owner, lens=LensWanted(focus=focus, iris=iris)))
 
     async def beat(self) -> None:
         """Say that its owner is still there until somebody else says that it is over."""

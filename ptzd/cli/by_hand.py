@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+from typing import Literal
 
-from ptzd.app.clients import BoxPx, Client, MoveReply, MoveRequest, PanTilt, PixelPtz, Speed
+from ptzd.app.clients import BoxPx, Client, LensWanted, MoveReply, MoveRequest, PanTilt, PixelPtz, Speed
 from ptzd.cli.asking import with_client
+from ptzd.errors import RequestRefused
 from ptzd.plain import plain
 
 SAY_AGAIN_S = 0.1
@@ -47,9 +49,21 @@ def _request(arguments: argparse.Namespace) -> MoveRequest:
         return MoveRequest(owner=owner, point=PixelPtz(x=arguments.point[0], y=arguments.point[1]), hfov_deg=hfov)
     if frame:
         return MoveRequest(owner=owner, box=BoxPx(x=frame.x, y=frame.y, w=frame.w, h=frame.h), hfov_deg=hfov)
+    if arguments.speed is None:
+        return MoveRequest(owner=owner, lens=LensWanted(focus=_units(arguments.focus), iris=_units(arguments.iris)))
     pan_deg_s, tilt_deg_s, zoom_rate = arguments.speed
     speed = Speed(pan_deg_s=pan_deg_s, tilt_deg_s=tilt_deg_s, zoom_rate=zoom_rate)
     return MoveRequest(owner=owner, speed=speed, hfov_deg=hfov)
+
+
+def _units(text: str | None) -> int | Literal["auto"] | None:
+    if text is None:
+        return None
+    if text == "auto":
+        return "auto"
+    if not (text.isascii() and text.isdecimal()):
+        raise RequestRefused("invalid", f"{text}: expected auto or the camera's own units, 1 to 9999")
+    return int(text)
 
 
 def in_words(told: MoveReply) -> str:
@@ -57,5 +71,8 @@ def in_words(told: MoveReply) -> str:
     if told.pan_deg is not None and told.tilt_deg is not None and told.zoom is not None:
         wide = "" if told.hfov_deg is None else f", {told.hfov_deg:.2f}° wide"
         return f"to pan {told.pan_deg:.3f}°, tilt {told.tilt_deg:.3f}°, zoom {told.zoom:.0f}{wide}"
+    if told.pan_deg_s is None:
+        taken = (("focus", told.focus), ("iris", told.iris))
+        return ", ".join(f"{name} {value}" for name, value in taken if value is not None)
     slowed = f", slowed by the limit {told.slowed_by}" if told.slowed_by else ""
     return f"at pan {told.pan_deg_s:.2f}°/s, tilt {told.tilt_deg_s:.2f}°/s, zoom {told.zoom_rate:+.2f}{slowed}"

@@ -44,6 +44,10 @@ class Answers:
         if self.work.answers_head(Awaited.MOVE, event.move_id):
             self._failed(Awaited.MOVE, event.reason)
 
+    def on_lens(self, event: ev.LensAnswered) -> None:
+        """Focus and iris are as asked for, or not."""
+        self.work.lens_over(event.lens_id, event.refused)
+
     def on_view(self, event: ev.ViewTaken) -> None:
         """A picture at rest."""
         if self.work.answers_head(Awaited.GRAB, event.grab_id) and self.memory.holder is not None:
@@ -78,6 +82,8 @@ class Answers:
         for late in [match for match in self.work.head.matches if t_ns >= match.until_ns]:
             if self.work.answers_match(late.id) is not None:
                 self._failed(Awaited.MATCH, "the matcher did not answer")
+        for lens in [lens for lens in self.work.head.lenses if t_ns >= lens.until_ns]:
+            self.work.lens_over(lens.id, "the camera did not answer in time")
         asked = self.work.head.asked
         if asked is not None and t_ns >= asked.until_ns:
             self.work.head.asked = None
@@ -97,6 +103,7 @@ class Answers:
         wanted = [
             None if head.asked is None else head.asked.until_ns,
             *(match.until_ns for match in head.matches),
+            *(lens.until_ns for lens in head.lenses),
             *(request.expires_ns for request in memory.waiting),
             None if memory.holder is None else memory.holder.activity.wakes_ns(self.work),
             self.authority.homing_ns,

@@ -73,6 +73,8 @@ class Authority:
         if holder is None:
             return
         in_motion = isinstance(holder.activity, Manual) and self.work.head.asked is not None
+        if isinstance(holder.activity, Manual):
+            self.work.leave_lens()
         if isinstance(holder.activity, Stop):
             self.desk.answer_stops(holder.activity.take_tokens(), over.reason)
         elif not isinstance(holder.activity, Home):
@@ -140,6 +142,7 @@ class Authority:
         """The head is nobody's own any more; a request of his that is being served goes on."""
         if self.memory.holder is not None and isinstance(self.memory.holder.activity, Manual):
             self.end(over)
+        self.work.leave_lens()
         claims = self.memory.claims
         claims[:] = [claim for claim in claims if not isinstance(claim.activity, Manual)]
 

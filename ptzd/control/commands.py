@@ -14,6 +14,7 @@ from ptzd.model import (
     HeadReading,
     HeadSpeed,
     LeaseHeld,
+    Lens,
     Matcher,
     Region,
     Result,
@@ -57,6 +58,14 @@ class RefuseMove(Command):
 
     target: HeadReading
     reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetLens(Command):
+    """Focus and iris; answered by LensAnswered with the same id."""
+
+    lens_id: int
+    lens: Lens
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -164,6 +173,8 @@ class ReplyMove(Command):
     zoom_rate: float = 0.0
     slowed_by: str = ""
     """Which limit, where one slows it."""
+    lens: Lens | None = None
+    """What the camera took."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from ptzd.model import Box, FrameRef, HeadLimits, HeadPose, HeadReading, MatchResult, Motion, RegionAsked, ViewRef
+from ptzd.model import Box, FrameRef, HeadLimits, HeadPose, HeadReading, Lens, MatchResult, Motion, RegionAsked, ViewRef
 
 
 class Device(StrEnum):
@@ -46,6 +46,7 @@ class MoveWish(StrEnum):
     POINT = "point"
     BOX = "box"
     SPEED = "speed"
+    LENS = "lens"
 
 
 class ZoomWish(StrEnum):
@@ -164,6 +165,8 @@ class MoveAsked(Event):
     """How wide the picture is to be; None: as it is."""
     fill: float | None = None
     """Share of the picture that the box is to fill; None: as the settings say."""
+    lens: Lens | None = None
+    """With ``lens``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -226,6 +229,15 @@ class HeadStalled(Event):
     move_id: int
     reading: HeadReading
     reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LensAnswered(Event):
+    """The camera took a focus or iris, or refused it."""
+
+    lens_id: int
+    refused: str = ""
+    """Why not; empty: it took it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

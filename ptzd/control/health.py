@@ -68,6 +68,8 @@ class Health:
                 self.authority.stop()
         else:
             memory.ptz = event.reason
+            for lens in list(self.work.head.lenses):
+                self.work.lens_over(lens.id, event.reason)
             self.authority.stop_is_over(event.reason)
 
     def on_well(self, event: ev.DeviceWell) -> None:

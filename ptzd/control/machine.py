@@ -31,10 +31,8 @@ class Machine:
 
     Parameters
     ----------
-    rig : Rig
-        The calibration.
-    config : Config
-        The settings.
+    rig, config
+        The calibration, and the settings in force.
     memory : Memory, optional
         Where to go on from, see :meth:`restored`.
     """
@@ -66,6 +64,7 @@ class Machine:
             ev.HeadArrived: answers.on_arrived,
             ev.HeadStalled: answers.on_stalled,
             ev.HeadStopped: operator.on_stopped,
+            ev.LensAnswered: answers.on_lens,
             ev.ViewTaken: answers.on_view,
             ev.ViewMissed: answers.on_view_missed,
             ev.MatchFinished: answers.on_match,

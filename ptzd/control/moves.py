@@ -31,7 +31,7 @@ class Moves:
         try:
             lease = self.leases.own(event)
             lease.heard_ns = self.work.t_ns
-            reply = self._steer(lease, event) if event.wish is ev.MoveWish.SPEED else self._go(lease, event)
+            reply = self._do(lease, event)
         except RequestRefused as refused:
             self.work.out.append(
                 cmd.ReplyRefused(token=event.token, code=refused.code, message=refused.message, field=refused.field)
@@ -39,6 +39,28 @@ class Moves:
             return
         if reply is not None:
             self.work.out.append(reply)
+
+    def _do(self, lease: Manual, event: ev.MoveAsked) -> cmd.ReplyMove | None:
+        if event.wish is ev.MoveWish.SPEED:
+            return self._steer(lease, event)
+        if event.wish is ev.MoveWish.LENS:
+            self._set_lens(event)
+            return None
+        return self._go(lease, event)
+
+    def _set_lens(self, event: ev.MoveAsked) -> None:
+        """Answered when the camera has taken it."""
+        limits, lens = self.work.head.limits, event.lens
+        if not self.memory.serving or limits is None or lens is None:
+            raise self._lost()
+        for name, value, ends in (("focus", lens.focus, limits.focus), ("iris", lens.iris, limits.iris)):
+            if value and ends is None:
+                message = f"the camera tells no limits of its {name}: it cannot be set by hand"
+                raise RequestRefused("unreachable", message, f"$.lens.{name}")
+            if value and ends is not None and not ends[0] <= value <= ends[1]:
+                message = f"{name} {value}: the camera has {ends[0]:.0f} to {ends[1]:.0f}"
+                raise RequestRefused("unreachable", message, f"$.lens.{name}")
+        self.work.set_lens(lens, event.token)
 
     def _go(self, lease: Manual, event: ev.MoveAsked) -> cmd.ReplyMove | None:
         start = self._in_hand(lease)

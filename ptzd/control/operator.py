@@ -58,6 +58,8 @@ class Operator:
         self.work.abandon()
         self.authority.end_all(Outcome.CANCELLED, event.reason)
         self.authority.end_lease(Over(reason=event.reason))
+        for lens in list(self.work.head.lenses):
+            self.work.lens_over(lens.id, event.reason)
         self.authority.forget_homing()
         self.memory.stopping = True
         if self.memory.ptz == WELL:

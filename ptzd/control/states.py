@@ -67,6 +67,7 @@ def _table() -> Table:
         ev.HeadPolled,
         ev.HeadArrived,
         ev.HeadStalled,
+        ev.LensAnswered,
         ev.ViewTaken,
         ev.ViewMissed,
         ev.MatchFinished,

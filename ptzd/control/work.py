@@ -18,7 +18,7 @@ from ptzd.control.planning.zones import zones_of
 from ptzd.errors import GeometryError
 from ptzd.geometry.rig import Rig
 from ptzd.geometry.zones import Zone
-from ptzd.model import Box, FrameRef, HeadLimits, HeadReading, HeadSpeed, Motion, ViewRef
+from ptzd.model import AUTOMATIC, Box, FrameRef, HeadLimits, HeadReading, HeadSpeed, Lens, Motion, ViewRef
 
 GRAB_GUARD_NS = 7_000_000_000
 """On top of the silence after which the stream counts as lost: to connect anew (5 s) and to prove rest (2 s)."""
@@ -66,6 +66,16 @@ class MatchWork:
 
 
 @dataclass(slots=True, kw_only=True)
+class LensWork:
+    """A focus or iris under way."""
+
+    id: int
+    token: int | None
+    lens: Lens
+    until_ns: int
+
+
+@dataclass(slots=True, kw_only=True)
 class HeadState:
     """What is known of the head, and what it and the matcher were asked for."""
 
@@ -79,6 +89,9 @@ class HeadState:
     going: int | None = None
     """The move that was sent last, while nobody has said where it led."""
     travel: Travel = field(default_factory=Travel)
+    lenses: list[LensWork] = field(default_factory=list)
+    by_hand: Lens = field(default_factory=Lens)
+    """What the camera does not set for itself."""
     moved_ns: int = 0
     """When the last move was asked for: a picture at rest after it shows where it led."""
     next_id: int = 1
@@ -272,6 +285,35 @@ class Work:
         if self.head.span is not None:
             self.head.span = Span.at(reading)
 
+    def set_lens(self, lens: Lens, token: int | None) -> None:
+        """Set focus and iris; whoever asked hears what came of it."""
+        number = self._new_id()
+        until_ns = self.t_ns + seconds(self.config.ptz.stall_s) + MOVE_GUARD_NS
+        self.head.lenses.append(LensWork(id=number, token=token, lens=lens, until_ns=until_ns))
+        self.out.append(cmd.SetLens(lens_id=number, lens=lens))
+
+    def leave_lens(self) -> None:
+        """What somebody set by hand, the camera sets for itself again."""
+        by_hand, self.head.by_hand = self.head.by_hand, Lens()
+        if by_hand != Lens():
+            focus = None if by_hand.focus is None else AUTOMATIC
+            self.set_lens(Lens(focus=focus, iris=None if by_hand.iris is None else AUTOMATIC), None)
+
+    def lens_over(self, number: int, refused: str = "") -> None:
+        """The camera took it, or with a reason: did not."""
+        work = next((work for work in self.head.lenses if work.id == number), None)
+        if work is None:
+            return
+        self.head.lenses.remove(work)
+        if not refused:
+            self.head.by_hand = _by_hand(self.head.by_hand, work.lens)
+        if work.token is None:
+            return
+        if refused:
+            self.out.append(cmd.ReplyRefused(token=work.token, code="refused", message=refused, field="$.lens"))
+        else:
+            self.out.append(cmd.ReplyMove(token=work.token, lens=work.lens))
+
     def grab(self, not_before_ns: int) -> None:
         """Ask for a picture taken at rest at or after this time; after a move, rest before it never counts."""
         number = self._new_id()
@@ -346,3 +388,9 @@ class Work:
     def feedback(self, request_id: str, step: str, **detail: object) -> None:
         """Tell whoever follows a request about one step."""
         self.out.append(cmd.PublishFeedback(id=request_id, step=step, detail=detail))
+
+
+def _by_hand(before: Lens, taken: Lens) -> Lens:
+    """What is set by hand after the camera took something."""
+    focus = before.focus if taken.focus is None else taken.focus or None
+    return Lens(focus=focus, iris=before.iris if taken.iris is None else taken.iris or None)

@@ -56,6 +56,7 @@ KIND: Mapping[type[cmd.Command], tuple[str, ...]] = {
     cmd.MoveHead: ("move_id",),
     cmd.SpareMove: ("move_id",),
     cmd.SteerHead: ("move_id",),
+    cmd.SetLens: ("lens_id",),
     cmd.GrabView: ("grab_id",),
     cmd.RunMatch: ("match_id", "request_id", "frame"),
     cmd.PinFrame: ("request_id", "frame"),

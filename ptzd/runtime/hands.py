@@ -8,7 +8,7 @@ from functools import partial
 
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
-from ptzd.errors import DeviceError, PtzdError
+from ptzd.errors import DeviceError, DeviceRefused, PtzdError
 from ptzd.model import HeadReading
 from ptzd.ports import EventLog, MoveStalled, MoveSuperseded, Perception, PictureMissed, PtzHead
 from ptzd.runtime.frames import FrameStore
@@ -48,6 +48,7 @@ class Hands:
         self._head_task: asyncio.Task[None] | None = None
         self._matches: set[asyncio.Task[None]] = set()
         self._stops: set[asyncio.Task[None]] = set()
+        self._lenses: set[asyncio.Task[None]] = set()
 
     def perform(self, command: cmd.Command) -> None:
         """Start a command; returns at once."""
@@ -59,6 +60,8 @@ class Hands:
                 self._replace_head_task(self._move(command.move_id, steer))
             case cmd.GrabView():
                 self._replace_head_task(self._grab(command))
+            case cmd.SetLens():
+                self._keep(self._lenses, self._lens(command))
             case cmd.StopHead():
                 self._replace_head_task(None)
                 self._keep(self._stops, self._stop())
@@ -72,7 +75,7 @@ class Hands:
 
     async def close(self) -> None:
         """Cancel what is under way and wait until it is gone."""
-        tasks = [*self._matches, *self._stops, *([self._head_task] if self._head_task else [])]
+        tasks = [*self._matches, *self._stops, *self._lenses, *([self._head_task] if self._head_task else [])]
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
@@ -110,6 +113,17 @@ class Hands:
             self._lost(error)
         else:
             self._tell(ev.HeadArrived(move_id=number, reading=reading))
+
+    async def _lens(self, command: cmd.SetLens) -> None:
+        number = command.lens_id
+        try:
+            await self._head.set_lens(command.lens)
+        except DeviceRefused as error:
+            self._tell(ev.LensAnswered(lens_id=number, refused=str(error)))
+        except DeviceError as error:
+            self._lost(error)
+        else:
+            self._tell(ev.LensAnswered(lens_id=number))
 
     async def _stop(self) -> None:
         try:

@@ -103,6 +103,7 @@ class Pump:
             case (
                 cmd.MoveHead()
                 | cmd.SteerHead()
+                | cmd.SetLens()
                 | cmd.StopHead()
                 | cmd.GrabView()
                 | cmd.RunMatch()

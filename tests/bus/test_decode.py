@@ -8,8 +8,16 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ptzd.bus.decode import MAX_PAYLOAD_BYTES, lease_event, readable_id, request_event, update_event
-from ptzd.control.events import LeaseAsked, LeaseWish, PayloadRefused, RequestReceived, UpdateReceived, ZoomWish
+from ptzd.bus.decode import MAX_PAYLOAD_BYTES, lease_event, move_event, readable_id, request_event, update_event
+from ptzd.control.events import (
+    LeaseAsked,
+    LeaseWish,
+    MoveAsked,
+    PayloadRefused,
+    RequestReceived,
+    UpdateReceived,
+    ZoomWish,
+)
 from ptzd.model import Box
 
 GOOD = {"id": "a-1", "box": {"x": 1, "y": 2.5, "w": 8, "h": 30}}
@@ -254,3 +262,42 @@ def test_what_passes_is_within_its_ranges(document: dict[str, object]):
     assert 0 <= event.priority <= 9
     assert len(event.label) <= 64
     assert event.fill is None or 0.05 <= event.fill <= 0.95
+
+
+SEEN = {"pan_deg": 1.0, "tilt_deg": 2.0, "zoom": 3.0}
+
+
+@pytest.mark.parametrize(
+    ("asked", "wish"),
+    [
+        ({"to": {"pan_deg": 4.0}}, "to"),
+        ({"by": {"tilt_deg": -4.0}, "hfov_deg": 20.0}, "by"),
+        ({"point": {"x": 3, "y": 4}, "picture": SEEN}, "point"),
+        ({"box": {"x": 3, "y": 4, "w": 20, "h": 9}, "fill": 0.5}, "box"),
+        ({"speed": {"pan_deg_s": 4.0, "zoom_rate": -1}}, "speed"),
+        ({"lens": {"focus": "auto", "iris": 12}}, "lens"),
+    ],
+)
+def test_each_way_to_move_becomes_an_event(asked, wish):
+    event = move_event(json.dumps({"owner": "desk", **asked}).encode(), 5)
+    assert (type(event), event.owner, event.token, event.wish) == (MoveAsked, "desk", 5, wish)
+
+
+@pytest.mark.parametrize(
+    ("asked", "field", "words"),
+    [
+        ({}, "$", "exactly one of to, by, point, box, speed, lens; there is none"),
+        ({"to": {}, "speed": {}}, "$", "there is to and speed"),
+        ({"speed": {}, "hfov_deg": 20.0}, "$.hfov_deg", "`hfov_deg` does not go with `speed`"),
+        ({"to": {}, "picture": SEEN}, "$.picture", "`picture` does not go with `to`"),
+        ({"box": {"x": 3, "y": 4, "w": 20, "h": 9}, "fill": 0.5, "hfov_deg": 9.0}, "$.fill", "give one"),
+        ({"speed": {"zoom_rate": 1.5}}, "$.speed.zoom_rate", "<= 1"),
+        ({"lens": {"focus": 0}}, "$.lens.focus", ""),
+        ({"to": {"pan": 3}}, "$.to.pan", "unknown field"),
+    ],
+)
+def test_what_is_no_way_to_move_is_refused_with_its_place(asked, field, words):
+    event = move_event(json.dumps({"owner": "desk", **asked}).encode(), None)
+    assert (type(event), event.code) == (PayloadRefused, "invalid")
+    assert words in event.message
+    assert event.field == field

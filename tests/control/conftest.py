@@ -67,7 +67,9 @@ class World:
         self.told_ns: list[int] = []
         self.done: list[cmd.Command] = []
         self.reading = HeadReading(pan_deg=0.0, tilt_deg=0.0, zoom=1.0)
-        self.limits = HeadLimits(pan_deg=(-170, 170), tilt_deg=(-80, 80), zoom=(1, 9999), top_deg_s=(100, 90))
+        self.limits = HeadLimits(
+            pan_deg=(-170, 170), tilt_deg=(-80, 80), zoom=(1, 9999), top_deg_s=(100, 90), focus=(770, 9999)
+        )
         self.score = 0.95
         self.texture = 9.0
         self.silent: set[type[cmd.Command]] = set()

@@ -15,7 +15,7 @@ from ptzd.control.activities.stop import STOP_GUARD_NS
 from ptzd.control.machine import Machine
 from ptzd.control.states import TRANSITIONS, WORKING, State
 from ptzd.control.work import MATCH_GUARD_NS
-from ptzd.model import Box, FrameRef, HeadLimits, HeadPose, HeadReading, Motion, ViewRef
+from ptzd.model import Box, FrameRef, HeadLimits, HeadPose, HeadReading, Lens, Motion, ViewRef
 
 HOME = HeadReading(pan_deg=0.0, tilt_deg=0.0, zoom=1.0)
 BOX = Box(x=330, y=230, w=40, h=32)
@@ -28,7 +28,7 @@ PEOPLE = ("desk", "gate")
 def plain(kind: type[ev.Event], t_ns: int) -> ev.Event:
     """One event of a kind, of which the core expects nothing."""
     frame = FrameRef(seq=1, t_capture_ns=t_ns)
-    limits = HeadLimits(pan_deg=(-170, 170), tilt_deg=(-80, 80), zoom=(1, 9999), top_deg_s=(100, 90))
+    limits = HeadLimits(pan_deg=(-170, 170), tilt_deg=(-80, 80), zoom=(1, 9999), top_deg_s=(100, 90), focus=(770, 9999))
     fields: dict[type[ev.Event], dict[str, object]] = {
         ev.RequestReceived: {"token": 9, "id": "new", "box": BOX},
         ev.PayloadRefused: {"token": 9, "code": "invalid", "message": "no", "field": "$"},
@@ -45,6 +45,7 @@ def plain(kind: type[ev.Event], t_ns: int) -> ev.Event:
         ev.ForeignMotion: {"reading": HOME},
         ev.HeadArrived: {"move_id": STALE, "reading": HOME},
         ev.HeadStalled: {"move_id": STALE, "reading": HOME, "reason": "blocked"},
+        ev.LensAnswered: {"lens_id": STALE},
         ev.ViewTaken: {"grab_id": STALE, "view": ViewRef(frame=frame, reading=HOME, sigma_deg=0.01)},
         ev.ViewMissed: {"grab_id": STALE, "reason": "the camera stands elsewhere"},
         ev.MatchFailed: {"match_id": STALE, "reason": "broken"},
@@ -77,6 +78,7 @@ class Life:
         self.heard_ns = self.until_ns = 0
         self.answered: dict[int, int] = {}
         self.head: cmd.MoveHead | cmd.SteerHead | cmd.GrabView | None = None
+        self.lenses: list[int] = []
         self.matches: dict[int, tuple[int, cmd.RunMatch]] = {}
         self.stop_sent_ns: int | None = None
         self.stands = False
@@ -177,8 +179,13 @@ class Life:
                 tilt_deg_s=self.pick([0.0, 10.0]),
                 zoom_rate=self.pick([0.0, 1.0, -0.5]),
                 hfov_deg=self.pick([None, None, 10.0, 170.0]),
+                lens=Lens(focus=self.pick([None, 0, 900, 9])) if wish is ev.MoveWish.LENS else None,
             )
         )
+
+    def _lens_answers(self) -> None:
+        if self.lenses:
+            self.tell(ev.LensAnswered(lens_id=self.lenses.pop(0), refused=self.pick(["", "Error: no"])))
 
     def _answer(self) -> None:
         """What is due: a match, else the head."""
@@ -281,6 +288,7 @@ class Life:
         self._check_lease(event, owner, commands)
         self.told.append((event, self.t_ns))
         self.done += commands
+        self.lenses += [command.lens_id for command in commands if isinstance(command, cmd.SetLens)]
         assert self.machine.state in TRANSITIONS[before, type(event)]
         self._note_event(event)
         for command in commands:
@@ -315,10 +323,9 @@ class Life:
 
     def _note(self, command: cmd.Command, event: ev.Event) -> None:
         match command:
-            case cmd.MoveHead() | cmd.SteerHead():
-                self._check_motion(command, event)
-                self.head = command
-            case cmd.GrabView():
+            case cmd.MoveHead() | cmd.SteerHead() | cmd.GrabView():
+                if not isinstance(command, cmd.GrabView):
+                    self._check_motion(command, event)
                 self.head = command
             case cmd.StopHead():
                 self.head, self.stop_sent_ns = None, self.t_ns

@@ -14,7 +14,7 @@ from ptzd.control import events as ev
 from ptzd.control.machine import Machine
 from ptzd.control.planning.by_hand import within_limits
 from ptzd.control.states import State
-from ptzd.model import Box, HeadLimits, HeadPose, HeadReading, HeadSpeed, Motion, Outcome
+from ptzd.model import Box, HeadLimits, HeadPose, HeadReading, HeadSpeed, Lens, Motion, Outcome
 
 SECOND_NS = 1_000_000_000
 
@@ -241,3 +241,46 @@ def test_a_hand_is_in_the_snapshot(rig, config, his) -> None:
     heir = Machine.restored(rig, config, his.machine.snapshot())
     event = ev.HeadPolled(reading=HeadReading(pan_deg=165.0, tilt_deg=0.0, zoom=1.0), motion=Motion.MOVING)
     assert heir.handle(event, his.t_ns + 1000) == his.machine.handle(event, his.t_ns + 1000) != []
+
+
+def test_focus_is_told_when_the_camera_took_it_and_is_automatic_again_after_him(his) -> None:
+    event = ev.MoveAsked(token=11, owner="desk", wish=ev.MoveWish.LENS, lens=Lens(focus=1200))
+    assert not [command for command in his.tell(event) if isinstance(command, cmd.ReplyMove | cmd.ReplyRefused)]
+    (order,) = his.of(cmd.SetLens)
+    (told,) = his.tell(ev.LensAnswered(lens_id=order.lens_id))
+    assert (told.token, told.lens) == (11, Lens(focus=1200))
+    his.run(6.0)
+    assert his.machine.state is not State.MANUAL
+    assert his.of(cmd.SetLens)[-1].lens == Lens(focus=0)
+
+
+@pytest.mark.parametrize(
+    ("lens", "field", "words"),
+    [
+        (Lens(focus=5), "$.lens.focus", "the camera has 770 to 9999"),
+        (Lens(iris=5), "$.lens.iris", "tells no limits of its iris"),
+    ],
+)
+def test_a_focus_that_the_camera_has_not(his, lens, field, words) -> None:
+    told = move(his, "lens", lens=lens)
+    assert told.field == field
+    assert words in told.message
+    assert not his.of(cmd.SetLens)
+
+
+@pytest.mark.parametrize("how", ["refused", "silent", "lost", "shutdown"])
+def test_a_focus_that_is_not_taken_is_told_whatever_the_reason(his, how) -> None:
+    his.tell(ev.MoveAsked(token=11, owner="desk", wish=ev.MoveWish.LENS, lens=Lens(focus=1200)))
+    number = his.of(cmd.SetLens)[-1].lens_id
+    if how == "refused":
+        his.tell(ev.LensAnswered(lens_id=number, refused="Error: focus"))
+    elif how == "silent":
+        his.run(20.0)
+    elif how == "lost":
+        his.tell(ev.DeviceLost(device=ev.Device.PTZ, reason="cut"))
+    else:
+        his.tell(ev.ShutdownRequested())
+    assert [refused.token for refused in his.of(cmd.ReplyRefused)] == [11]
+    his.tell(ev.LensAnswered(lens_id=number))
+    assert len(his.of(cmd.ReplyRefused)) == 1, "a late answer changes nothing"
+    assert not his.of(cmd.ReplyMove)

@@ -107,3 +107,14 @@ async def test_a_move_on_the_command_line(site) -> None:
         await at_rest(site, since)
         assert pose(site).pan_deg - before.pan_deg == pytest.approx(-5.0, abs=0.1)
         assert pose(site).tilt_deg - before.tilt_deg == pytest.approx(1.0, abs=0.1)
+
+
+async def test_focus_by_hand_until_he_gives_it_back(site) -> None:
+    switches, levels = site.rig.camera.unit.switches, site.rig.camera.unit.levels
+    async with site.client.lease("desk") as kept:
+        told = await kept.lens(focus=2000, iris="auto")
+        assert (told.focus, told.iris) == (2000, "auto")
+        assert (switches["autofocus"], levels["focus"], switches["autoiris"]) == ("off", 2000, "on")
+        with pytest.raises(RequestRefused, match="the camera has 770 to 9999"):
+            await kept.lens(focus=5)
+    await site.until_truth(lambda: switches["autofocus"] == "on")

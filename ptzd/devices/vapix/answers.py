@@ -16,7 +16,7 @@ from ptzd.model import HeadReading
 
 SHOWN_CHARACTERS = 80
 """How much of a strange answer a message quotes."""
-_PAN_DEG, _TILT_DEG, _ZOOM = 360.0, 180.0, 20_000.0
+_PAN_DEG, _TILT_DEG, _ZOOM, _LENS = 360.0, 180.0, 20_000.0, 100_000.0
 """Beyond these a position is not believed: VAPIX allows ±180, ±180 (E-flip) and 19999."""
 
 
@@ -42,6 +42,8 @@ class CameraLimits:
     zoom: tuple[float, float]
     hfov_deg: tuple[float, float] | None = None
     """Narrowest and widest; None when the camera does not say."""
+    focus: tuple[float, float] | None = None
+    iris: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -124,6 +126,8 @@ def limits(reply: Reply) -> CameraLimits:
         tilt_deg=_interval(fields, "Tilt", _TILT_DEG),
         zoom=_interval(fields, "Zoom", _ZOOM),
         hfov_deg=_field_angles(fields),
+        focus=_interval(fields, "Focus", _LENS) if {"MinFocus", "MaxFocus"} <= fields.keys() else None,
+        iris=_interval(fields, "Iris", _LENS) if {"MinIris", "MaxIris"} <= fields.keys() else None,
     )
 
 

@@ -67,6 +67,8 @@ async def read_capabilities(client: CameraClient, settings: Ptz, limits: Limits)
         device=_device(device, parameters),
         limits=replace(
             common_limits(camera_limits, limits, settings.endless_pan),
+            focus=camera_limits.focus,
+            iris=camera_limits.iris,
             top_deg_s=settings.steer_top_deg_s or _twice(attributes.max_speed_deg_s),
         ),
         hfov_deg=camera_limits.hfov_deg,

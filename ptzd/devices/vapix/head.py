@@ -13,6 +13,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from ptzd.config import Limits, Ptz
+from ptzd.devices.vapix import requests
 from ptzd.devices.vapix.address import Address
 from ptzd.devices.vapix.capabilities import Capabilities, read_capabilities
 from ptzd.devices.vapix.client import CameraClient
@@ -25,7 +26,7 @@ from ptzd.devices.vapix.steering import Steering
 from ptzd.devices.vapix.stream import ViewStream
 from ptzd.devices.vapix.witness import MotionWitness
 from ptzd.errors import ConfigError, DeviceError, DeviceLost, DeviceRefused
-from ptzd.model import HeadLimits, HeadReading, HeadSpeed, Motion, ViewRef
+from ptzd.model import HeadLimits, HeadReading, HeadSpeed, Lens, Motion, ViewRef
 from ptzd.ports import Clock, HeadPoll, Picture
 
 LOGGER = logging.getLogger(__name__)
@@ -219,6 +220,18 @@ class VapixHead:
         if self.capabilities is None:
             raise DeviceLost("not connected; describe() comes first")
         return await self._steering.steer(speed, until_ns, self.capabilities.limits.top_deg_s)
+
+    async def set_lens(self, lens: Lens) -> None:
+        """Set focus and iris; returns when the camera took it all.
+
+        Raises
+        ------
+        DeviceError
+            The camera does not answer, or refuses: `DeviceRefused` says what.
+        """
+        self._poller.feed.check()
+        for request in requests.lens(self._settings.camera, lens):
+            await self._client.send(request)
 
     async def stop(self) -> None:
         """Stop all axes; returns when the camera took both stops and its reports show rest."""

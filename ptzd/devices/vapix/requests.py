@@ -12,7 +12,7 @@ from typing import Generic, Literal, TypeVar
 from ptzd.devices.vapix import answers
 from ptzd.devices.vapix.answers import Attributes, CameraLimits, DeviceInfo, Parameters, Reply, SystemState
 from ptzd.devices.vapix.speeds import SpeedForm
-from ptzd.model import HeadReading
+from ptzd.model import HeadReading, Lens
 
 T = TypeVar("T")
 
@@ -91,6 +91,20 @@ def continuous_move(camera: int, percents: tuple[float, float, float], form: Spe
     if form.unproportional:
         params.append(("proportionalspeed", "disabled"))
     return Request(path=PTZ, params=tuple(params), parse=answers.accepted, timeout_s=COMMAND_TIMEOUT_S, attempts=1)
+
+
+def lens(camera: int, wanted: Lens) -> tuple[Request[None], ...]:
+    """Focus and iris, one after the other: a value is ignored unless the camera leaves it alone before."""
+    steps: list[tuple[str, str]] = []
+    for name, value in (("focus", wanted.focus), ("iris", wanted.iris)):
+        if value is not None:
+            steps.append((f"auto{name}", "off" if value else "on"))
+        if value:
+            steps.append((name, str(value)))
+    return tuple(
+        Request(path=PTZ, params=(("camera", str(camera)), step), parse=answers.accepted, timeout_s=COMMAND_TIMEOUT_S)
+        for step in steps
+    )
 
 
 def stops(camera: int) -> tuple[Request[None], ...]:

@@ -16,7 +16,7 @@ from ptzd.devices.vapix.head import LATENCY_S, REST_S, VapixHead
 from ptzd.devices.vapix.mover import shown
 from ptzd.devices.vapix.poses import offset_of
 from ptzd.errors import DeviceLost
-from ptzd.model import HeadLimits, HeadReading, HeadSpeed, Motion, ViewRef
+from ptzd.model import HeadLimits, HeadReading, HeadSpeed, Lens, Motion, ViewRef
 from ptzd.ports import Clock, HeadPoll, MoveSuperseded, Picture, PictureMissed
 
 USUAL_SPEED_DEG_S = 100.0
@@ -153,6 +153,9 @@ class ShadowHead:
         if way is not self._way:
             raise MoveSuperseded("a later move or a stop took its place")
         return way.at(until_ns)
+
+    async def set_lens(self, lens: Lens) -> None:
+        """Nothing is sent."""
 
     async def stop(self) -> None:
         """The imagined head stands at once; nothing is sent."""

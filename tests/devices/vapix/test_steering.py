@@ -15,7 +15,7 @@ from ptzd.config import Limits
 from ptzd.devices.vapix import requests
 from ptzd.devices.vapix.head import VapixHead
 from ptzd.devices.vapix.speeds import SPEED_FORMS, SpeedCurve
-from ptzd.model import HeadReading, HeadSpeed
+from ptzd.model import AUTOMATIC, HeadReading, HeadSpeed, Lens
 from ptzd.ports import MoveSuperseded
 from ptzd.runtime.clock import SteadyClock
 from ptzd.sim.profile import PROFILES, Profile
@@ -164,3 +164,22 @@ def test_the_smallest_speed_is_no_rest_in_any_form() -> None:
     assert [text["continuouspantiltmove"] for text in texts] == ["0.3,-0.3", "1,-1", "1,-1"]
     assert [text.get("proportionalspeed") for text in texts] == ["disabled", "disabled", None]
     assert {text["continuouszoommove"] for text in texts} == {"0"}
+
+
+async def test_focus_by_hand_and_back_to_the_camera(rig_of, head_of) -> None:  # noqa: F811
+    rig = await rig_of(profile="v5915")
+    head = await head_of(rig)
+    limits = await head.describe()
+    assert (limits.focus, limits.iris) == ((770.0, 9999.0), (1.0, 9999.0))
+    unit = rig.camera.unit
+    await head.set_lens(Lens(focus=1234, iris=77))
+    assert (unit.switches["autofocus"], unit.switches["autoiris"]) == ("off", "off")
+    assert (unit.levels["focus"], unit.levels["iris"]) == (1234, 77)
+    await head.set_lens(Lens(focus=AUTOMATIC))
+    assert (unit.switches["autofocus"], unit.switches["autoiris"]) == ("on", "off")
+
+
+async def test_a_camera_without_focus_by_hand_says_so(rig_of, head_of) -> None:  # noqa: F811
+    head = await head_of(await rig_of(profile="dome"))
+    limits = await head.describe()
+    assert (limits.focus, limits.iris) == (None, None)
