@@ -8,9 +8,10 @@ from ptzd.control import events as ev
 from ptzd.control.activities.activity import Failure
 from ptzd.control.authority import Authority
 from ptzd.control.desk import Desk
+from ptzd.control.head_state import Awaited
 from ptzd.control.memory import Memory
 from ptzd.control.shadow import note_missed
-from ptzd.control.work import Awaited, Work
+from ptzd.control.work import Work
 from ptzd.model import Outcome
 
 

@@ -12,11 +12,12 @@ from ptzd.control.activities.manual import Manual
 from ptzd.control.activities.scan import Scan
 from ptzd.control.activities.stop import Stop
 from ptzd.control.desk import Desk
+from ptzd.control.head_state import Awaited
 from ptzd.control.memory import AnyActivity, Claim, Memory
 from ptzd.control.motor import Spent, spent
 from ptzd.control.ranks import Rank
 from ptzd.control.shadow import NOT_TOLD
-from ptzd.control.work import Awaited, Work, seconds
+from ptzd.control.work import Work, seconds
 from ptzd.model import Outcome
 
 MAX_RESCANS = 1

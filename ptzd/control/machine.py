@@ -113,10 +113,8 @@ class Machine:
 
         Parameters
         ----------
-        event : Event
-            What the core is told.
-        t_ns : int
-            When, on the daemon's steady clock; not before the previous one.
+        event, t_ns
+            What the core is told, and when on the daemon's steady clock, ns; not before the previous one.
 
         Returns
         -------

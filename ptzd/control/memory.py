@@ -10,10 +10,10 @@ from ptzd.control.activities.manual import Manual
 from ptzd.control.activities.scan import Scan
 from ptzd.control.activities.stop import Stop
 from ptzd.control.commands import PublishStatus
+from ptzd.control.head_state import HeadState
 from ptzd.control.planning.ranges import RangeMap
 from ptzd.control.requests import Request, Task
 from ptzd.control.states import State
-from ptzd.control.work import HeadState
 from ptzd.model import FrameRef
 
 AnyActivity = Scan | Lock | Home | Stop | Manual

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from enum import StrEnum
 
 from ptzd.config import Config, with_parts
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
-from ptzd.control.motor import Travel
+from ptzd.control.head_state import Awaited, HeadState, HeadWork, LensWork, MatchWork
 from ptzd.control.planning.by_hand import FORESIGHT_S
 from ptzd.control.planning.ranges import RangeMap
 from ptzd.control.planning.reach import Reach, reach_of
@@ -18,7 +17,7 @@ from ptzd.control.planning.zones import zones_of
 from ptzd.errors import GeometryError
 from ptzd.geometry.rig import Rig
 from ptzd.geometry.zones import Zone
-from ptzd.model import AUTOMATIC, Box, FrameRef, HeadLimits, HeadReading, HeadSpeed, Lens, Motion, ViewRef
+from ptzd.model import AUTOMATIC, Box, FrameRef, HeadReading, HeadSpeed, Lens, Motion, ViewRef
 
 GRAB_GUARD_NS = 7_000_000_000
 """On top of the silence after which the stream counts as lost: to connect anew (5 s) and to prove rest (2 s)."""
@@ -34,75 +33,6 @@ REACTION_S = 0.44
 """How long a head that is steered may go on at the speed before: a report, an order and the brakes together."""
 UNSURE_NS = 1_000_000_000
 """After an order, reports of rest may be of the rest before it."""
-
-
-class Awaited(StrEnum):
-    """What was asked for."""
-
-    MOVE = "move"
-    GRAB = "grab"
-    MATCH = "match"
-
-
-@dataclass(slots=True, kw_only=True)
-class HeadWork:
-    """The one thing the head is asked to do."""
-
-    kind: Awaited
-    id: int
-    until_ns: int
-    way: list[HeadReading] = field(default_factory=list)
-    """Set points of a move that come after the one it is on its way to, around a zone."""
-
-
-@dataclass(slots=True, kw_only=True)
-class MatchWork:
-    """A match under way."""
-
-    id: int
-    view: int
-    """Index of the view among those of the activity."""
-    until_ns: int
-
-
-@dataclass(slots=True, kw_only=True)
-class LensWork:
-    """A focus or iris under way."""
-
-    id: int
-    token: int | None
-    lens: Lens
-    until_ns: int
-
-
-@dataclass(slots=True, kw_only=True)
-class HeadState:
-    """What is known of the head, and what it and the matcher were asked for."""
-
-    limits: HeadLimits | None = None
-    reading: HeadReading | None = None
-    motion: Motion = Motion.UNKNOWN
-    held: bool = False
-    """An operator keeps it where it is: no claim begins, and no hold ends."""
-    asked: HeadWork | None = None
-    matches: list[MatchWork] = field(default_factory=list)
-    going: int | None = None
-    """The move that was sent last, while nobody has said where it led."""
-    travel: Travel = field(default_factory=Travel)
-    lenses: list[LensWork] = field(default_factory=list)
-    by_hand: Lens = field(default_factory=Lens)
-    """What the camera does not set for itself."""
-    moved_ns: int = 0
-    """When the last move was asked for: a picture at rest after it shows where it led."""
-    next_id: int = 1
-    span: Span | None = None
-    """Where it may be by what it was told, kept while there are no-go zones; None: where it was reported last."""
-    bound_for: HeadReading | None = None
-    """Set point of the last move."""
-    steered: HeadSpeed | None = None
-    """The speed it was told last, as long as it is not known to rest."""
-    unsure_ns: int = 0
-    """Reports of rest from then on are of the rest after the last order."""
 
 
 def seconds(value: float) -> int:

@@ -12,13 +12,13 @@ import msgspec
 from ptzd.config import Config, core_parts
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
+from ptzd.control.head_state import HeadState
 from ptzd.control.health import RING_FRAMES
 from ptzd.control.machine import Machine
 from ptzd.control.memory import Memory
 from ptzd.control.motor import Travel
 from ptzd.control.planning.ranges import RangeMap
 from ptzd.control.states import State
-from ptzd.control.work import HeadState
 from ptzd.errors import DeviceError
 from ptzd.geometry.rig import Rig
 from ptzd.model import HeadReading, Motion

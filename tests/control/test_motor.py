@@ -13,12 +13,13 @@ from hypothesis import strategies as st
 from ptzd.config import Home, Lock, Motor, Queue
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
+from ptzd.control.head_state import HeadState
 from ptzd.control.machine import Machine
 from ptzd.control.motor import MINUTE_NS, MINUTES, Travel, share_of, spent
 from ptzd.control.planning.ranges import RangeMap
 from ptzd.control.ranks import Rank
 from ptzd.control.states import State
-from ptzd.control.work import HeadState, Work
+from ptzd.control.work import Work
 from ptzd.geometry.sphere import angle_between, bearing
 from ptzd.model import HeadLimits, HeadReading, Motion, Outcome
 

@@ -11,8 +11,9 @@ from typing import ClassVar
 
 from msgspec import Struct
 
+from ptzd.control.head_state import Awaited
 from ptzd.control.states import State
-from ptzd.control.work import Awaited, Work
+from ptzd.control.work import Work
 from ptzd.model import MatchResult, Outcome, ViewRef
 
 

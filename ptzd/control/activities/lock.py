@@ -9,13 +9,14 @@ from typing import ClassVar
 import numpy as np
 
 from ptzd.control.activities.activity import Activity, Failure, Over, Step, out_of_time
+from ptzd.control.head_state import Awaited
 from ptzd.control.planning.decision import Thresholds, Verdict, decide, direction_sigma_rad
 from ptzd.control.planning.neighbourhood import arc_of, band_rad, neighbourhood
 from ptzd.control.planning.reach import well_inside
 from ptzd.control.planning.zoom import SAFE_SHARE, zoom_wanted
 from ptzd.control.requests import Task
 from ptzd.control.states import State
-from ptzd.control.work import Awaited, Work, seconds
+from ptzd.control.work import Work, seconds
 from ptzd.geometry.sphere import angle_between, bearing, pan_tilt
 from ptzd.geometry.types import Array, pixel_angle_rad
 from ptzd.model import Candidate, HeadLimits, HeadReading, MatchResult, Outcome, ViewRef, ZoneKind

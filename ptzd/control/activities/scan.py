@@ -9,6 +9,7 @@ from msgspec import Struct, field
 from ptzd.control.activities.activity import Activity, Failure, Next, Over, Step, out_of_time
 from ptzd.control.activities.lock import Lock
 from ptzd.control.events import ZoomWish
+from ptzd.control.head_state import Awaited
 from ptzd.control.planning.decision import Decision, Thresholds, Verdict, decide
 from ptzd.control.planning.first_look import likeliest_first
 from ptzd.control.planning.neighbourhood import band_rad, neighbourhood
@@ -16,7 +17,7 @@ from ptzd.control.planning.prior import expected_on_arc
 from ptzd.control.planning.views import ScanPlan, plan_views
 from ptzd.control.requests import Request, Task
 from ptzd.control.states import State
-from ptzd.control.work import Awaited, Work
+from ptzd.control.work import Work
 from ptzd.model import HeadReading, MatchResult, Outcome, ViewRef
 
 CLOSER = 0.5
