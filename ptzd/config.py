@@ -36,6 +36,7 @@ from ptzd.config_types import (
 from ptzd.config_zones import Zones, check_zones
 from ptzd.errors import ConfigError
 from ptzd.model import MATCH_BUDGET_S, Matcher
+from ptzd.presets import Presets, parse_presets
 
 
 class V4l2Source(Part, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="source", tag="v4l2"):
@@ -275,6 +276,8 @@ class Config(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     shadow: Shadow = Shadow()
     zones: Zones = ()
     """Or the name of a file that holds them, under the key ``zones``."""
+    presets: Presets = Presets()
+    """Here, or in ``presets.yaml`` beside this file."""
 
 
 WHILE_RUNNING = (
@@ -284,6 +287,7 @@ WHILE_RUNNING = (
     "lease",
     "ranges",
     "motor",
+    "presets",
     "queue.size",
     "queue.timeout_s",
     "log.fisheye_every_n",
@@ -294,7 +298,7 @@ WHILE_RUNNING = (
     "log.min_free_bytes",
 )
 """What a running daemon takes over when it reads its settings again: whole parts, or single keys of a part."""
-CORE_PARTS = ("search", "lock", "home", "queue", "lease", "ranges", "motor")
+CORE_PARTS = ("search", "lock", "home", "queue", "lease", "ranges", "motor", "presets")
 """Parts that decisions depend on and that may change while they are taken."""
 
 
@@ -339,7 +343,8 @@ def parse_config(document: object, name: str) -> Config:
     if not isinstance(document, dict):
         raise ConfigError(f"{name}: the file must hold a mapping of settings, got {type(document).__name__}")
     refuse_not_finite(document, name, "")
-    config = converted(document, Config, name)
+    presets = parse_presets(document.get("presets"), f"{name}: presets")
+    config = converted({**document, "presets": presets}, Config, name)
     _check_ranges(config, name)
     check_zones(config.zones, name)
     return config

@@ -266,6 +266,20 @@ class LeaseHeld:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class GotoShown:
+    """The place that an operator sent the head to."""
+
+    place: str
+    by: str
+    since_ns: int
+    """When it was asked for."""
+    there_ns: int | None = None
+    """None: on the way."""
+    until_ns: int | None = None
+    """How long it stays; None: on the way, or kept by `hold`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class MatchResult:
     """What a matcher says of one region in one view."""
 

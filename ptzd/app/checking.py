@@ -11,14 +11,17 @@ import numpy as np
 from ptzd.app.daemon import open_fisheye
 from ptzd.app.loading import Loaded
 from ptzd.config import Config, HttpSource, Ptz, V4l2Source
+from ptzd.control.planning.places import reading_at
+from ptzd.control.planning.reach import reach_of
+from ptzd.control.planning.zones import zones_of
 from ptzd.devices.v4l2_list import list_devices
 from ptzd.devices.vapix.credentials import exposure
 from ptzd.devices.vapix.head import VapixHead
 from ptzd.devices.vapix.timing import measure_timing
-from ptzd.errors import ConfigError, DeviceLost
+from ptzd.errors import ConfigError, DeviceLost, RequestRefused
 from ptzd.jpeg.pixels import decode_grey
 from ptzd.jpeg.walk import read_header
-from ptzd.model import HeadReading
+from ptzd.model import HeadLimits, HeadReading
 from ptzd.runtime.clock import SteadyClock
 
 MOVING_DEG_S = 30.0
@@ -41,8 +44,27 @@ def check_files(loaded: Loaded) -> list[str]:
         f"fisheye      {rig.fisheye.size_px[0]}×{rig.fisheye.size_px[1]} px, {type(rig.fisheye).__name__}",
         f"ptz          zoom {low:g} to {high:g}, field of view {wide:.1f}° to {narrow:.2f}°",
         f"baseline     {baseline:.3f} {unit}; search band ±{band:.2f}° at the nearest range",
+        *_places(loaded),
         *_exposed_passwords(loaded.config),
     ]
+
+
+def _places(loaded: Loaded) -> list[str]:
+    """Every named place, and why the head cannot look there; the camera's own limits may be narrower."""
+    config, rig = loaded.config, loaded.rig
+    limits = HeadLimits(pan_deg=config.limits.pan_deg, tilt_deg=config.limits.tilt_deg, zoom=config.limits.zoom)
+    reach = reach_of(limits, rig, zones_of(config, rig))
+    lines = []
+    for name, place in config.presets.places.items():
+        try:
+            pose = reading_at(rig, config, reach, name, place)
+        except RequestRefused as refused:
+            lines.append(f"place        warning: {refused.message}")
+        else:
+            lines.append(
+                f"place        {name}: pan {pose.pan_deg:.2f}°, tilt {pose.tilt_deg:.2f}°, zoom {pose.zoom:.0f}"
+            )
+    return lines
 
 
 def _exposed_passwords(config: Config) -> list[str]:

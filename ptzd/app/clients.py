@@ -10,13 +10,14 @@ from ptzd.bus.by_hand import LensWanted, MoveReply, MoveRequest, PanTilt, PixelP
 from ptzd.bus.client import Client
 from ptzd.bus.fields import BoxPx
 from ptzd.bus.messages import MESSAGES, Feedback, LeaseRequest, RoiResult, Status, schema
-from ptzd.model import LeaseHeld
+from ptzd.model import GotoShown, LeaseHeld
 from ptzd.outgoing import MotorStatus, Pose, ShadowPose
 
 __all__ = [
     "BoxPx",
     "Client",
     "Feedback",
+    "GotoShown",
     "LeaseHeld",
     "LeaseRequest",
     "LensWanted",

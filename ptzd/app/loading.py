@@ -20,6 +20,10 @@ from ptzd.documents import DocumentError, parse_yaml, read_text
 from ptzd.errors import CalibrationError, ConfigError
 from ptzd.geometry.rig import Rig
 from ptzd.model import HeadLimits
+from ptzd.presets import Presets, parse_presets
+
+PRESETS = "presets.yaml"
+"""Beside the settings."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,7 +111,7 @@ def _check_home(config: Config, rig: Rig) -> None:
 
 
 def load_config(path: Path) -> Config:
-    """Read a settings file.
+    """Read a settings file, and the places of ``presets.yaml`` beside it.
 
     Raises
     ------
@@ -122,7 +126,30 @@ def load_config(path: Path) -> Config:
         raise ConfigError(f"{path}: {error}") from None
     if isinstance(document, dict) and isinstance(document.get("zones"), str):
         document = {**document, "zones": _zones(path.parent / document["zones"])}
-    return parse_config(document, str(path))
+    config = parse_config(document, str(path))
+    beside = path.parent / PRESETS
+    presets = read_presets(beside)
+    if presets is None:
+        return config
+    if config.presets != Presets():
+        raise ConfigError(f"{path}: presets: there is {beside} too; put all of them into one of the two")
+    return msgspec.structs.replace(config, presets=presets)
+
+
+def read_presets(path: Path) -> Presets | None:
+    """Read a file of places; None when there is none.
+
+    Raises
+    ------
+    ConfigError
+        With the file and the path of the culprit.
+    """
+    try:
+        return parse_presets(parse_yaml(read_text(path)), str(path))
+    except FileNotFoundError:
+        return None
+    except (OSError, DocumentError) as error:
+        raise ConfigError(f"{path}: {error.strerror if isinstance(error, OSError) else error}") from None
 
 
 def _zones(path: Path) -> list[object]:

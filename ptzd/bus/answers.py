@@ -15,9 +15,10 @@ from ptzd.bus.decode import decode
 from ptzd.bus.keys import Keys, request_id_of
 from ptzd.bus.messages import ErrorReply, LogReply, LogRequest, encoding
 from ptzd.bus.pending import BUSY, PendingQueries
+from ptzd.bus.places import GotoReply
 from ptzd.bus.replies import Replies
 from ptzd.bus.results import KeptResults
-from ptzd.control.commands import PublishStatus, ReplyMove
+from ptzd.control.commands import PublishStatus, ReplyGoto, ReplyMove
 from ptzd.errors import PtzdError, RequestRefused
 from ptzd.model import AUTOMATIC
 from ptzd.outgoing import ImageAttachment, Pose
@@ -234,7 +235,16 @@ def _fields(status: PublishStatus) -> dict[str, object]:
         "held": status.held,
         "shadow": status.shadow,
         "lease": status.lease,
+        "goto": status.goto,
     }
+
+
+def goto_reply(reply: ReplyGoto) -> GotoReply:
+    """The head is there, as the bus tells it."""
+    pose = reply.pose
+    return GotoReply(
+        place=reply.place, pan_deg=pose.pan_deg, tilt_deg=pose.tilt_deg, zoom=pose.zoom, hfov_deg=reply.hfov_deg
+    )
 
 
 def move_shown(move: ReplyMove) -> MoveReply:

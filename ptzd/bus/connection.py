@@ -15,9 +15,12 @@ from ptzd.bus.decode import check_move, decode
 from ptzd.bus.keys import ANY_RIG, Keys, check_id
 from ptzd.bus.leasing import KeptLease, keep
 from ptzd.bus.messages import ControlReply, Empty, LeaseReply, LeaseRequest
+from ptzd.bus.places import GotoReply, GotoRequest
 from ptzd.bus.session import client_config, close_session, open_session
 from ptzd.errors import BusError, RequestRefused
 
+GOTO_WAIT_S = 32.0
+"""The rig answers within 30 s: the slowest head needs 15."""
 Verb = Literal["home", "stop", "hold", "release"]
 
 
@@ -145,6 +148,29 @@ class OperatedConnection(Connection):
         decode(msgspec.json.encode(request), LeaseRequest)
         key = (await self._keys()).full("control/lease")
         return await ask_one(self._session, key, LeaseReply, self._timeout_s, request)
+
+    async def goto(self, place: str, *, by: str = "", hold_s: float | None = None) -> GotoReply:
+        """Send the head to a named place; returns when it is there.
+
+        Parameters
+        ----------
+        place : str
+            As in ``presets.yaml``.
+        by : str
+            Who asks; where somebody has the head for himself, he alone may.
+        hold_s : float
+            How long it stays there before what waits goes on, s; default: as the rig's settings say.
+
+        Raises
+        ------
+        RequestRefused
+            ``unknown_place`` with the nearest names, ``unreachable``, ``leased``, ``device_lost``; ``preempted`` or
+            ``cancelled`` when something else has the head before it is there.
+        """
+        request = GotoRequest(place=place, by=by, hold_s=hold_s)
+        decode(msgspec.json.encode(request), GotoRequest)
+        key = (await self._keys()).full("control/goto")
+        return await ask_one(self._session, key, GotoReply, max(self._timeout_s, GOTO_WAIT_S), request)
 
     async def move(self, request: MoveRequest) -> MoveReply:
         """One move of whoever has the lease; `KeptLease` has a method for each kind."""

@@ -18,7 +18,9 @@ from ptzd.bus.by_hand import LensWanted, MoveRequest
 from ptzd.bus.fields import BoxPx
 from ptzd.bus.keys import is_id
 from ptzd.bus.messages import FrameName, LeaseRequest, RangeM, RoiRequest, RoiUpdate, ZoomTo
+from ptzd.bus.places import GotoRequest
 from ptzd.control.events import (
+    GotoAsked,
     LeaseAsked,
     LeaseWish,
     MoveAsked,
@@ -194,6 +196,16 @@ def check_move(asked: MoveRequest) -> MoveWish:
     if asked.hfov_deg is not None and asked.fill is not None:
         raise RequestRefused("invalid", "`hfov_deg` and `fill` both say how far to zoom; give one", "$.fill")
     return wish
+
+
+def goto_event(payload: bytes, token: int | None) -> GotoAsked | PayloadRefused:
+    """What came in on ``control/goto``."""
+    try:
+        asked = decode(payload, GotoRequest)
+    except RequestRefused as error:
+        named = RequestRefused(error.code, f"goto: {error.message}", error.field)
+        return refused(named, token, None)
+    return GotoAsked(token=token, place=asked.place, by=asked.by, hold_s=asked.hold_s)
 
 
 def refused(

@@ -9,16 +9,19 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ptzd.bus.arrivals import Arrival, Handler
-from ptzd.bus.decode import decode, lease_event, move_event, refused, request_event, too_large, update_event
+from ptzd.bus.decode import decode, goto_event, lease_event, move_event, refused, request_event, too_large, update_event
 from ptzd.bus.intake import EventQueue
 from ptzd.bus.keys import Keys, request_id_of
 from ptzd.bus.messages import Empty
 from ptzd.bus.pending import BUSY, PendingQueries
 from ptzd.bus.replies import Replies
-from ptzd.control.events import CancelReceived, ControlReceived, Event, PayloadRefused, RequestReceived, Verb
+from ptzd.control.events import CancelReceived, ControlReceived, Event, GotoAsked, PayloadRefused, RequestReceived, Verb
 from ptzd.errors import RequestRefused
 
 OVERTAKEN = RequestRefused("stopped", "an operator's stop or home came before this request was taken up; ask again")
+
+GOTO_WITHIN_S = 30.0
+"""A goto is answered when the head is there: a slow one needs 15 s, and a stop before it three."""
 
 
 class Inbound:
@@ -103,17 +106,27 @@ class Inbound:
         """``control/move``: a query or a put."""
         self._on_person(arrival, "control/move", move_event)
 
-    def _on_person(self, arrival: Arrival, key: str, read: Callable[[bytes, int | None], Event]) -> None:
+    def on_goto(self, arrival: Arrival) -> None:
+        """``control/goto``: a query or a put."""
+        self._on_person(arrival, "control/goto", goto_event, within_s=GOTO_WITHIN_S)
+
+    def _on_person(
+        self, arrival: Arrival, key: str, read: Callable[[bytes, int | None], Event], within_s: float | None = None
+    ) -> None:
         if not arrival.key.endswith(f"/{key}"):
             self._ignore(arrival)
             return
-        token = self._token(arrival, self._keys.full(key))
+        token = self._token(arrival, self._keys.full(key), within_s)
         if arrival.query is None or token is not None:
-            self._offer(_too_large(arrival) or read(arrival.payload, token), token)
+            event = _too_large(arrival) or read(arrival.payload, token)
+            if isinstance(event, GotoAsked) and arrival.t_ns <= self._halted_ns:
+                event = refused(OVERTAKEN, token, None)
+            self._offer(event, token)
 
     def _overtake(self) -> None:
         for waiting in self._events.withdraw_requests():
-            self._offer(refused(OVERTAKEN, waiting.token, waiting.id), waiting.token)
+            name = waiting.id if isinstance(waiting, RequestReceived) else None
+            self._offer(refused(OVERTAKEN, waiting.token, name), waiting.token)
 
     def _named(self, arrival: Arrival, leaf: str) -> str | None:
         """The request that a key names; a put on a key that names none is told, a query that looks around let go."""
@@ -126,10 +139,10 @@ class Inbound:
                 self._offer(refused(error, None, None), None)
         return request_id
 
-    def _token(self, arrival: Arrival, key: str) -> int | None:
+    def _token(self, arrival: Arrival, key: str, within_s: float | None = None) -> int | None:
         if arrival.query is None:
             return None
-        token = self._pending.add(arrival.query, key)
+        token = self._pending.add(arrival.query, key, within_s)
         if token is None:
             self._replies.refuse(arrival.query, BUSY, key)
         return token

@@ -10,6 +10,7 @@ from ptzd.control.events import (
     CancelReceived,
     ControlReceived,
     Event,
+    GotoAsked,
     LeaseAsked,
     MoveAsked,
     RequestReceived,
@@ -74,10 +75,10 @@ class EventQueue:
                 return
             self._changed.clear()
 
-    def withdraw_requests(self) -> list[RequestReceived]:
-        """Take out the requests that wait, e.g. because an operator's stop overtakes them."""
-        taken = [event for event in self._events if isinstance(event, RequestReceived)]
-        self._events = deque(event for event in self._events if not isinstance(event, RequestReceived))
+    def withdraw_requests(self) -> list[RequestReceived | GotoAsked]:
+        """Take out what waits and would move the head, e.g. because an operator's stop overtakes it."""
+        taken = [event for event in self._events if isinstance(event, RequestReceived | GotoAsked)]
+        self._events = deque(event for event in self._events if not isinstance(event, RequestReceived | GotoAsked))
         return taken
 
     def _withdraw_update(self, request_id: str) -> None:

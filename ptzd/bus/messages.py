@@ -27,8 +27,9 @@ from ptzd.bus.fields import (
     Seconds,
     Timeout,
 )
+from ptzd.bus.places import GotoReply, GotoRequest
 from ptzd.errors import RequestRefused
-from ptzd.model import FrameRef, LeaseHeld, Outcome, Result
+from ptzd.model import FrameRef, GotoShown, LeaseHeld, Outcome, Result
 from ptzd.outgoing import ImageAttachment, MotorStatus, Outgoing, Pose
 
 VERSION = "v1"
@@ -236,6 +237,8 @@ class Status(Outgoing, frozen=True):
     """Who has the head for himself."""
     shadow: bool = False
     """What is decided moves nothing."""
+    goto: GotoShown | None = None
+    """Where an operator sent it."""
     devices: Document = msgspec.field(default_factory=dict)
     motor: MotorStatus | None = None
     pose: Pose | None = None
@@ -260,7 +263,7 @@ MESSAGES: dict[str, type[Struct]] = {
     for message in (
         RoiRequest, RoiUpdate, LeaseRequest, MoveRequest, Empty, LogRequest, Accepted, ErrorReply, Feedback, RoiResult,
         CancelReply, ControlReply, UpdateReply, LeaseReply, MoveReply, LogReply, Pose, Status, Calibration,
-        ImageAttachment,
+        ImageAttachment, GotoRequest, GotoReply,
     )
 }  # fmt: skip
 

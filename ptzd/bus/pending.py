@@ -51,13 +51,17 @@ class PendingQueries:
         self.expired = 0
         """Queries that got no answer in time."""
 
-    def add(self, query: zenoh.Query, key: str) -> int | None:
-        """Keep a query that is to be answered on ``key``; None when full, the query is still the caller's then."""
+    def add(self, query: zenoh.Query, key: str, within_s: float | None = None) -> int | None:
+        """Keep a query that is to be answered on ``key``; None when full, the query is still the caller's then.
+
+        With ``within_s`` the answer may take so long.
+        """
         if len(self._waiting) >= self._limit:
             return None
         token = self._next
         self._next += 1
-        timer = self._loop.call_later(self._answer_within_s, self._expire, token)
+        within_s = self._answer_within_s if within_s is None else within_s
+        timer = self._loop.call_later(within_s, self._expire, token, within_s)
         self._waiting[token] = _Waiting(query, key, timer)
         return token
 
@@ -102,9 +106,9 @@ class PendingQueries:
             waiting.timer.cancel()
         return waiting
 
-    def _expire(self, token: int) -> None:
+    def _expire(self, token: int, within_s: float) -> None:
         self.expired += 1
-        waited = f"within {self._answer_within_s:g} s"
+        waited = f"within {within_s:g} s"
         error = ErrorReply(code="internal", message=f"the daemon found no answer {waited}; see its log")
         _, control, verb = (self.key_of(token) or "").rpartition("/control/")
         if control:

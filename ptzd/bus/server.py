@@ -12,7 +12,7 @@ from typing import Self, cast
 import msgspec
 import zenoh
 
-from ptzd.bus.answers import Answers, ImageHandler, LogHandler, move_shown
+from ptzd.bus.answers import Answers, ImageHandler, LogHandler, goto_reply, move_shown
 from ptzd.bus.arrivals import Arrivals
 from ptzd.bus.fields import Plain
 from ptzd.bus.images import ImagePublisher
@@ -42,6 +42,7 @@ from ptzd.control.commands import (
     PublishResult,
     PublishStatus,
     ReplyAccepted,
+    ReplyGoto,
     ReplyLease,
     ReplyMove,
     ReplyOutcome,
@@ -50,6 +51,7 @@ from ptzd.control.commands import (
 from ptzd.control.events import (
     CancelReceived,
     Event,
+    GotoAsked,
     PayloadRefused,
     RequestReceived,
     UpdateReceived,
@@ -188,6 +190,8 @@ class ZenohBus:
                 self._pending.reply(command.token, LeaseReply(lease=command.lease))
             case ReplyMove():
                 self._pending.reply(command.token, move_shown(command))
+            case ReplyGoto():
+                self._pending.reply(command.token, goto_reply(command))
             case PublishFeedback():
                 self._publish_feedback(command)
             case PublishResult():
@@ -248,6 +252,8 @@ class ZenohBus:
             declare(keys.full("control/move"), self._inbound.on_move)
             for verb in Verb:
                 declare(keys.full(f"control/{verb}"), self._inbound.on_control(verb))
+        for declare in (requests.answer, requests.listen):
+            declare(keys.full("control/goto"), self._inbound.on_goto)
         requests.answer(keys.full("roi"), self._inbound.on_request)
         requests.listen(keys.full("roi"), self._inbound.on_request)
         requests.answer(keys.of_all_requests("update"), self._inbound.on_update)
@@ -263,7 +269,7 @@ class ZenohBus:
 
     def _still_wanted(self, event: Event) -> bool:
         """An event whose query was told ``internal`` must not take effect any more; an operator's verb always does."""
-        if isinstance(event, RequestReceived | PayloadRefused | UpdateReceived | CancelReceived):
+        if isinstance(event, RequestReceived | PayloadRefused | UpdateReceived | CancelReceived | GotoAsked):
             return event.token is None or self._pending.waits(event.token)
         return True
 

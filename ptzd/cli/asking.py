@@ -13,6 +13,7 @@ from rich.markup import escape
 from ptzd.app.clients import (
     Client,
     Feedback,
+    GotoShown,
     LeaseHeld,
     LeaseRequest,
     MotorStatus,
@@ -27,7 +28,8 @@ from ptzd.control.wording import in_words, range_in_words
 from ptzd.plain import plain
 
 
-def _print_json(document: object) -> None:
+def print_json(document: object) -> None:
+    """One line."""
     print(msgspec.json.encode(document).decode(), flush=True)
 
 
@@ -68,7 +70,7 @@ def aim(arguments: argparse.Namespace) -> int:
             _show_step(step, as_json=arguments.json)
         result = await client.result(accepted.id)
         if arguments.json:
-            _print_json(result)
+            print_json(result)
         else:
             print(plain(f"{result.id}: {describe(result)}"))
         return 0 if result.outcome in {"locked", "released"} else 1
@@ -78,7 +80,7 @@ def aim(arguments: argparse.Namespace) -> int:
 
 def _show_step(step: Feedback, *, as_json: bool) -> None:
     if as_json:
-        _print_json(step)
+        print_json(step)
         return
     print(plain(f"{step.id}: {step.step}: {in_words(step.detail)}"), flush=True)
 
@@ -108,7 +110,7 @@ def status(arguments: argparse.Namespace) -> int:
     async def work(client: Client) -> int:
         now = await client.status()
         if arguments.json:
-            _print_json(now)
+            print_json(now)
             return 0
         console = terminal.console()
         colour = "red" if now.state == State.FAULT else "green"
@@ -122,6 +124,8 @@ def status(arguments: argparse.Namespace) -> int:
             console.print(f"shadow    decides and logs, moves nothing{pose}")
         if now.lease is not None:
             console.print(f"lease     {_said(held_in_words(now.lease))}")
+        if now.goto is not None:
+            console.print(f"goto      {_said(goto_in_words(now.goto))}")
         console.print(f"fisheye   {_said(now.fisheye)}")
         console.print(f"ptz       {_said(now.ptz)}")
         if now.pose is not None:
@@ -150,6 +154,11 @@ def lease(arguments: argparse.Namespace) -> int:
     return with_client(arguments, work)
 
 
+def clock_time(t_ns: int) -> str:
+    """A time of day, as the clock of this machine shows it."""
+    return datetime.fromtimestamp(t_ns / 1e9).astimezone().strftime("%H:%M:%S")
+
+
 def pose_in_words(pose: Pose | ShadowPose) -> str:
     """Where a head looks, for a person."""
     return f"pan {pose.pan_deg:.2f}°, tilt {pose.tilt_deg:.2f}°, zoom {pose.zoom:g}"
@@ -169,9 +178,17 @@ def held_in_words(held: LeaseHeld | None) -> str:
     """Who has the head and until when, for a person."""
     if held is None:
         return "nobody has the head for himself"
-    until = datetime.fromtimestamp(held.until_ns / 1e9).astimezone().strftime("%H:%M:%S")
     wanted = f", {held.wanted_by} wants it" if held.wanted_by else ""
-    return f"{held.owner} has the head until {until} at the latest{wanted}"
+    return f"{held.owner} has the head until {clock_time(held.until_ns)} at the latest{wanted}"
+
+
+def goto_in_words(goto: GotoShown) -> str:
+    """Where an operator sent the head, for a person."""
+    by = f", sent by {goto.by}" if goto.by else ""
+    if goto.there_ns is None:
+        return f"on the way to {goto.place}{by}"
+    until = "" if goto.until_ns is None else f" until {clock_time(goto.until_ns)}"
+    return f"at {goto.place}{until}{by}"
 
 
 def watch(arguments: argparse.Namespace) -> int:
@@ -180,7 +197,7 @@ def watch(arguments: argparse.Namespace) -> int:
     async def work(client: Client) -> int:
         async for name, document in notices(client):
             if arguments.json:
-                _print_json({"type": name, **document})
+                print_json({"type": name, **document})
             elif name in {"Feedback", "RoiResult"}:
                 print(plain(f"{name}: {document}"), flush=True)
             elif name == "Status":
@@ -218,7 +235,7 @@ def ls(arguments: argparse.Namespace) -> int:
     async def work(client: Client) -> int:
         rigs = await client.rigs()
         if arguments.json:
-            _print_json(rigs)
+            print_json(rigs)
         else:
             print("\n".join(rigs) or "no rig is alive")
         return 0 if rigs else 1

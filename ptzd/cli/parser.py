@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from ptzd import __version__
-from ptzd.cli import asking, by_hand, calibrate, offline, replaying, rig
+from ptzd.cli import asking, by_hand, calibrate, offline, places, replaying, rig
 from ptzd.model import Box, Matcher
 
 EX_USAGE = 64
@@ -154,6 +154,11 @@ def _add_bus_commands(commands: argparse._SubParsersAction[_Parser]) -> None:
     move.add_argument("--for", type=float, dest="for_s", default=1.0, metavar="S", help="how long to keep the speed")
     move.add_argument("--hfov", type=float, metavar="DEG", help="zoom until the picture is so wide")
     move.set_defaults(run=by_hand.move)
+    goto = commands.add_parser("goto", parents=[common], help="send the head to a named place of presets.yaml")
+    goto.add_argument("place")
+    goto.add_argument("--hold", type=float, metavar="S", help="stay there so long before what waits goes on")
+    goto.add_argument("--by", default="", metavar="OWNER", help="who asks; with a lease its owner alone may")
+    goto.set_defaults(run=places.goto)
     cancel = commands.add_parser("cancel", parents=[common], help="take a request back")
     cancel.add_argument("id")
     cancel.set_defaults(run=asking.cancel)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import cast
 
 from ptzd.control.activities.activity import Activity, Failure, Next, Over, Step
+from ptzd.control.activities.goto import Goto
 from ptzd.control.activities.home import Home, is_there
 from ptzd.control.activities.lock import Lock
 from ptzd.control.activities.manual import Manual
@@ -82,6 +83,8 @@ class Authority:
             self.work.abandon()
             if holder.task is not None:
                 self.desk.end_served(holder, over)
+            elif isinstance(holder.activity, Goto):
+                self.desk.end_goto(holder.activity, over)
             if not (isinstance(holder.activity, Manual) and holder.activity.stays):
                 self.plan_homing()
         if over.stop or in_motion:
@@ -95,6 +98,16 @@ class Authority:
         if self.memory.task is not None:
             self.end(Over(outcome=outcome, reason=reason, probability=probability))
 
+    def end_goto(self, outcome: Outcome, reason: str, *, stop: bool = False) -> None:
+        """End the way to a named place, or the while there, if there is one."""
+        over = Over(outcome=outcome, reason=reason, stop=stop)
+        for waiting in list(self.memory.claims):
+            if isinstance(waiting.activity, Goto):
+                self.memory.claims.remove(waiting)
+                self.desk.end_goto(waiting.activity, over)
+        if self.memory.holder is not None and isinstance(self.memory.holder.activity, Goto):
+            self.end(over)
+
     def end_all(self, outcome: Outcome, reason: str) -> None:
         """Give every request its result; the head stays where it is, but for a stop under way.
 
@@ -103,6 +116,7 @@ class Authority:
         self.set_lease_aside()
         if self.stop_under_way is None:
             self.end(Over(outcome=outcome, reason=reason))
+        self.end_goto(outcome, reason)
         for waiting in self.memory.waiting:
             self.desk.end_waiting(waiting, outcome, reason)
         self.forget_homing()
@@ -116,9 +130,11 @@ class Authority:
     def grant(self, lease: Manual) -> None:
         """A person takes the head: whatever has it makes way, and the head stops under his hand."""
         self.forget_homing()
-        self._insert(Claim(owner=lease.owner, rank=Rank.LEASE + lease.rank, activity=lease))
+        self.insert(Claim(owner=lease.owner, rank=Rank.LEASE + lease.rank, activity=lease))
         if self.memory.task is not None:
             self.end(Over(outcome=Outcome.PREEMPTED, reason=f"{lease.owner} has taken the head", stop=True))
+        elif self.memory.goto is not None:
+            self.end_goto(Outcome.PREEMPTED, f"{lease.owner} has taken the head", stop=True)
         elif self.memory.holder is not None and self.stop_under_way is None:
             self.leave_home()
             self.stop()
@@ -131,11 +147,12 @@ class Authority:
             self.set_lease_aside()
 
     def take_back(self, lease: Manual) -> None:
-        """Whoever has the head moves it by hand: the requests of his own are over."""
+        """Whoever has the head moves it by hand: whatever else he asked for is over."""
         reason = f"{lease.owner} moves the head by hand"
         for claim in list(self.memory.claims):
             if claim.task is not None and claim.rank > Rank.LEASE:
                 self.desk.end_waiting(claim.task.request, Outcome.PREEMPTED, reason)
+        self.end_goto(Outcome.PREEMPTED, reason)
         self.end_request(Outcome.PREEMPTED, reason)
         self.take_next()
 
@@ -146,6 +163,12 @@ class Authority:
         self.work.leave_lens()
         claims = self.memory.claims
         claims[:] = [claim for claim in claims if not isinstance(claim.activity, Manual)]
+        for waiting in list(claims):
+            if waiting.task is not None and waiting.rank > Rank.LEASE:
+                # what he asked for under it waits as anybody's does: the next person's hand goes before it
+                claims.remove(waiting)
+                waiting.rank = Rank.REQUEST + waiting.task.request.priority
+                self.insert(waiting)
 
     def expire(self) -> None:
         """End a lease whose time is over."""
@@ -205,7 +228,7 @@ class Authority:
         if taken or not memory.serving or memory.stopping:
             return None
         first = next((claim for claim in memory.claims if claim.from_ns is None and not self._spent(claim)), None)
-        kept = self.work.head.held and first is not None and first.rank < Rank.LEASE
+        kept = self.work.head.held and first is not None and first.rank < Rank.GOTO
         return None if kept else first
 
     def _spent(self, claim: Claim) -> Spent | None:
@@ -220,17 +243,17 @@ class Authority:
         waits = [self._spent(claim) for claim in self.memory.claims if claim.from_ns is None]
         return min((found.frees_ns for found in waits if found is not None), default=None)
 
-    def _insert(self, claim: Claim) -> None:
-        """Let a claim wait behind those of its rank."""
-        claims = self.memory.claims
-        claims.insert(sum(1 for other in claims if other.rank >= claim.rank), claim)
+    def insert(self, claim: Claim, *, first: bool = False) -> None:
+        """Let a claim wait behind those of its rank, or as the ``first`` of them."""
+        before = claim.rank + 1 if first else claim.rank
+        self.memory.claims.insert(sum(1 for other in self.memory.claims if other.rank >= before), claim)
 
     def set_lease_aside(self) -> None:
         """Whoever has the head for himself waits, until nothing that goes before him has it."""
         holder = self.memory.holder
         if holder is not None and isinstance(holder.activity, Manual):
             self.memory.holder = None
-            self._insert(holder)
+            self.insert(holder)
 
     def _begin(self, claim: Claim) -> None:
         """Give the head to a claim; one that cannot even begin leaves it to whoever has it."""
@@ -240,6 +263,8 @@ class Authority:
             self.memory.holder = before
             if claim.task is not None:
                 self.desk.end_served(claim, step)
+            elif isinstance(claim.activity, Goto):
+                self.desk.end_goto(claim.activity, step)
         elif claim.rank > Rank.HOME:
             self.forget_homing()
 

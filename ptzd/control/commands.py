@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from ptzd.model import (
     MATCH_BUDGET_S,
     FrameRef,
+    GotoShown,
     HeadPose,
     HeadReading,
     HeadSpeed,
@@ -178,6 +179,16 @@ class ReplyMove(Command):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ReplyGoto(Command):
+    """Answer whoever sent the head to a place: it is there."""
+
+    token: int
+    place: str
+    pose: HeadPose
+    hfov_deg: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PublishFeedback(Command):
     """One step of a request, for ``roi/<id>/feedback`` and the log."""
 
@@ -210,6 +221,8 @@ class PublishStatus(Command):
     """Who has the head for himself."""
     shadow: bool = False
     """What is decided moves nothing."""
+    goto: GotoShown | None = None
+    """Where an operator sent it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,6 +9,7 @@ from ptzd.control import admission
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
 from ptzd.control.activities.activity import Over
+from ptzd.control.activities.goto import Goto
 from ptzd.control.activities.lock import Lock, range_of
 from ptzd.control.activities.scan import Scan
 from ptzd.control.learning import learn
@@ -110,6 +111,11 @@ class Desk:
             reason = f"{refused.field}: {refused.message}"
             self._publish(_bare_result(request_id, "", outcome, reason, elapsed_ms=0))
 
+    def refuse_verb(self, token: int | None, refused: RequestRefused) -> None:
+        """Answer an operator's query with an error; where nobody waits for an answer, the journal tells it."""
+        reply = cmd.ReplyRefused(token=token, code=refused.code, message=refused.message, field=refused.field)
+        self.work.out.append(reply)
+
     def refuse_payload(self, event: ev.PayloadRefused) -> None:
         """Say to whoever can be told that a message is none."""
         refused = RequestRefused(event.code, event.message, event.field)
@@ -190,6 +196,12 @@ class Desk:
             learn(self.work, claim.activity, outcome)
         self.work.out.append(cmd.ReleaseFrames(request_id=claim.task.request.id))
 
+    def end_goto(self, goto: Goto, over: Over) -> None:
+        """Tell whoever sent the head to a place why it is not there; whoever was told that it is hears no more."""
+        if goto.there_ns is None:
+            code = Outcome.UNREACHABLE if over.outcome is None else over.outcome
+            self.refuse_verb(goto.token, RequestRefused(code.value, over.reason, "$.place"))
+
     def reply(self, token: int | None, outcome: str) -> None:
         """Answer a query that somebody waits for."""
         if token is not None:
@@ -217,7 +229,7 @@ class Desk:
         memory = self.memory
         waiting = len(memory.waiting)
         leased = memory.lease is not None and rank < Rank.LEASE
-        waits = memory.task is not None or memory.head.held or leased or waiting > 0
+        waits = memory.task is not None or memory.goto is not None or memory.head.held or leased or waiting > 0
         if waits and not self.outranks_served(rank) and waiting >= self.work.config.queue.size:
             message = f"{waiting} requests are waiting, no more fit; try later or with a higher priority"
             raise RequestRefused("busy", message, "$.priority")

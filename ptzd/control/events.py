@@ -170,6 +170,19 @@ class MoveAsked(Event):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class GotoAsked(Event):
+    """An operator, or whoever has the lease, sends the head to a named place."""
+
+    token: int | None
+    """Names the query to answer; None for a put."""
+    place: str
+    by: str = ""
+    """Who asks."""
+    hold_s: float | None = None
+    """How long it stays there; None: as the settings say."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FrameArrived(Event):
     """A fisheye frame entered the ring."""
 

@@ -51,12 +51,14 @@ class Health:
         self.work.head.reading, self.work.head.span = event.reading, None
         self.authority.leave_home()
         self.authority.end_request(Outcome.PREEMPTED, "somebody else moves the camera")
+        self.authority.end_goto(Outcome.PREEMPTED, "somebody else moves the camera")
         self.authority.forget_homing()
 
     def on_lost(self, event: ev.DeviceLost) -> None:
         """The request ends, and nothing begins before both devices are well."""
         memory = self.memory
         self.authority.end_request(Outcome.DEVICE_LOST, f"{event.device}: {event.reason}")
+        self.authority.end_goto(Outcome.DEVICE_LOST, f"{event.device}: {event.reason}")
         self.authority.leave_home()
         self.authority.set_lease_aside()
         self.work.abandon()

@@ -13,6 +13,7 @@ from ptzd.control import events as ev
 from ptzd.control.answers import Answers
 from ptzd.control.authority import Authority
 from ptzd.control.desk import Desk
+from ptzd.control.gotos import Gotos
 from ptzd.control.health import Health
 from ptzd.control.leases import Leases
 from ptzd.control.memory import Memory
@@ -55,6 +56,7 @@ class Machine:
             ev.ControlReceived: operator.on_control,
             ev.LeaseAsked: leases.on_asked,
             ev.MoveAsked: Moves(memory=memory, work=work, leases=leases, authority=authority).on_asked,
+            ev.GotoAsked: Gotos(memory=memory, work=work, desk=desk, authority=authority).on_asked,
             ev.FrameArrived: health.on_frame,
             ev.HeadReady: health.on_head_ready,
             ev.DeviceLost: health.on_lost,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from ptzd.control.activities.goto import Goto
 from ptzd.control.activities.home import Home
 from ptzd.control.activities.lock import Lock
 from ptzd.control.activities.manual import Manual
@@ -16,7 +17,7 @@ from ptzd.control.requests import Request, Task
 from ptzd.control.states import State
 from ptzd.model import FrameRef
 
-AnyActivity = Scan | Lock | Home | Stop | Manual
+AnyActivity = Scan | Lock | Home | Stop | Manual | Goto
 """Every kind there is: a snapshot tells them apart by their tag."""
 
 
@@ -94,6 +95,12 @@ class Memory:
         claims = self.claims if self.holder is None else [self.holder, *self.claims]
         return next((claim.activity for claim in claims if isinstance(claim.activity, Manual)), None)
 
+    @property
+    def goto(self) -> Goto | None:
+        """Where an operator sent the head, also while it waits for a stop to be confirmed."""
+        claims = self.claims if self.holder is None else [self.holder, *self.claims]
+        return next((claim.activity for claim in claims if isinstance(claim.activity, Goto)), None)
+
     def status(self, *, shadow: bool) -> PublishStatus:
         """The state as others see it; ``shadow``: nothing that is decided moves the camera."""
         return PublishStatus(
@@ -106,6 +113,7 @@ class Memory:
             held=self.head.held,
             lease=None if self.lease is None else self.lease.shown(),
             shadow=shadow,
+            goto=None if self.goto is None else self.goto.shown(held=self.head.held),
         )
 
     @property

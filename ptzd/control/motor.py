@@ -95,7 +95,7 @@ def share_of(rank: int, motor: Motor) -> float:
     Requests of priority 9 may use all of it, those of priority 0 leave ``motor.reserve`` to the higher ones, and what
     ranks below every request leaves twice that.
     """
-    if rank >= Rank.LEASE or rank <= Rank.HOME:
+    if rank >= Rank.GOTO or rank <= Rank.HOME:
         return math.inf
     if rank < Rank.REQUEST:
         return max(1.0 - 2 * motor.reserve, 0.0)

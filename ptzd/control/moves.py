@@ -112,8 +112,8 @@ class Moves:
         return self.work.head.reading
 
     def _take_over(self, lease: Manual) -> None:
-        """A request of his own that is being served makes way to his hand."""
-        if self.memory.task is not None:
+        """What he asked for himself, a request or a named place, makes way to his hand."""
+        if self.memory.task is not None or self.memory.goto is not None:
             self.authority.take_back(lease)
         holder = self.memory.holder
         if holder is None or holder.activity is not lease:

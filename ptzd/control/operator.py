@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
 from ptzd.control.activities.activity import Over
+from ptzd.control.activities.goto import Goto
 from ptzd.control.activities.lock import Lock
 from ptzd.control.authority import Authority
 from ptzd.control.desk import Desk
@@ -81,6 +82,7 @@ class Operator:
             event,
             ev.CancelReceived
             | ev.ControlReceived
+            | ev.GotoAsked
             | ev.LeaseAsked
             | ev.MoveAsked
             | ev.PayloadRefused
@@ -96,6 +98,8 @@ class Operator:
         activity = None if self.memory.holder is None else self.memory.holder.activity
         if isinstance(activity, Lock) and activity.locked_ns is not None:
             self.authority.end_request(Outcome.RELEASED, "released by the operator", activity.probability)
+        elif isinstance(activity, Goto) and activity.there_ns is not None:
+            self.authority.end_goto(Outcome.RELEASED, "released by the operator")
         self.authority.take_next()
 
     def _stop(self, token: int | None) -> None:

@@ -20,6 +20,7 @@ class Rank(IntEnum):
 
     HOME = 0
     REQUEST = 20
+    GOTO = 30
     LEASE = 40
     STOP = 50
 
@@ -34,6 +35,7 @@ def rank_mermaid() -> str:
             f"what whoever has the lease asks for himself (one above his rank, {Rank.LEASE + 1}…)",
         ),
         ("lease", Rank.LEASE + PEOPLE, f"a person with a lease, by rank ({Rank.LEASE}…)"),
+        ("goto", Rank.GOTO, "a named place that an operator sent the head to"),
         ("request", Rank.REQUEST + PRIORITIES, f"requests, by priority ({Rank.REQUEST}…)"),
         ("home", Rank.HOME, "the way home"),
     )

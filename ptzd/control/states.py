@@ -21,6 +21,7 @@ class State(StrEnum):
     LOCK = "LOCK"
     HOME = "HOME"
     MANUAL = "MANUAL"
+    GOTO = "GOTO"
     FAULT = "FAULT"
     STOPPED = "STOPPED"
 
@@ -44,7 +45,7 @@ class ImpossibleEvent(Exception):
 
 WORKING = frozenset({State.SCAN, State.MATCH, State.LOCK})
 """A request is active exactly in these."""
-SERVING = frozenset({State.IDLE, State.HOME, State.MANUAL}) | WORKING
+SERVING = frozenset({State.IDLE, State.HOME, State.MANUAL, State.GOTO}) | WORKING
 """Both devices are well exactly in these."""
 LIVING = SERVING | {State.STARTING, State.FAULT}
 
@@ -87,6 +88,7 @@ def _table() -> Table:
             ev.ControlReceived,
             ev.LeaseAsked,
             ev.MoveAsked,
+            ev.GotoAsked,
             ev.ForeignMotion,
             ev.HeadStopped,
             ev.DeadlinePassed,
@@ -101,10 +103,12 @@ def _table() -> Table:
         table[state, ev.MoveAsked] = frozenset({state, State.MANUAL} if state in WORKING else {state})
         table[state, ev.HeadStopped] = frozenset({state})
         table[state, ev.RequestReceived] = dropped | {State.SCAN}
+        table[state, ev.GotoAsked] = frozenset({state, State.GOTO})
+    table |= _goto()
     table[State.IDLE, ev.LeaseAsked] = frozenset({State.IDLE, State.MANUAL, State.SCAN})
     table[State.MANUAL, ev.LeaseAsked] = _NEXT_REQUEST
     table[State.MANUAL, ev.DeadlinePassed] = _NEXT_REQUEST
-    table[State.IDLE, ev.HeadStopped] = _NEXT_REQUEST
+    table[State.IDLE, ev.HeadStopped] = _NEXT_REQUEST | {State.GOTO}
     scan_ends = _NEXT_REQUEST | {State.SCAN, State.MATCH, State.LOCK}
     for event in (
         ev.HeadStalled,
@@ -128,11 +132,22 @@ def _table() -> Table:
     ):
         table[State.LOCK, event] = _NEXT_REQUEST | {State.LOCK}
     table[State.LOCK, ev.UpdateReceived] = _NEXT_REQUEST | {State.LOCK}
-    table[State.IDLE, ev.DeadlinePassed] = _NEXT_REQUEST | {State.HOME}
+    table[State.IDLE, ev.DeadlinePassed] = _NEXT_REQUEST | {State.HOME, State.GOTO}
     for ending in (ev.HeadArrived, ev.HeadStalled, ev.DeadlinePassed):
         # what waited for the motor's budget may begin then
         table[State.HOME, ending] = _NEXT_REQUEST | {State.HOME}
     table |= _stays(frozenset({State.STOPPED}), *_all_events())
+    return table
+
+
+def _goto() -> Table:
+    """A place that the head was sent to: over when its while there is, or when somebody else has the head."""
+    goto = State.GOTO
+    ends = frozenset({goto, State.IDLE, State.MANUAL})
+    table: Table = {(goto, event): ends for event in (ev.ForeignMotion, ev.LeaseAsked, ev.MoveAsked)}
+    table[goto, ev.RequestReceived] = frozenset({goto})
+    for event in (ev.HeadArrived, ev.HeadStalled, ev.DeadlinePassed):
+        table[goto, event] = _NEXT_REQUEST | {goto}
     return table
 
 
@@ -170,6 +185,7 @@ _SPOKEN = {
     ev.ControlReceived: "operator",
     ev.LeaseAsked: "lease",
     ev.MoveAsked: "hand",
+    ev.GotoAsked: "goto",
     ev.ForeignMotion: "foreign motion",
     ev.HeadArrived: "arrived",
     ev.HeadStalled: "view",

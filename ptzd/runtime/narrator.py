@@ -7,7 +7,7 @@ import logging
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
 from ptzd.control.states import State
-from ptzd.model import REFUSED, LeaseHeld, Outcome
+from ptzd.model import REFUSED, GotoShown, LeaseHeld, Outcome
 
 _log = logging.getLogger("ptzd")
 _GOOD = frozenset({Outcome.LOCKED, Outcome.RELEASED, Outcome.CANCELLED, Outcome.PREEMPTED})
@@ -16,6 +16,7 @@ _MESSAGES = (
     ev.UpdateReceived,
     ev.CancelReceived,
     ev.ControlReceived,
+    ev.GotoAsked,
     ev.LeaseAsked,
     ev.PayloadRefused,
 )
@@ -36,6 +37,7 @@ class Narrator:
         self._refusals = 0
         self._moved_ns: int | None = None
         self._lease: LeaseHeld | None = None
+        self._goto: GotoShown | None = None
 
     def seen(self, t_ns: int, event: ev.Event, commands: list[cmd.Command]) -> None:
         """Look at one step."""
@@ -61,6 +63,7 @@ class Narrator:
             self._tell(t_ns, command, event)
             if isinstance(command, cmd.PublishStatus):
                 self._tell_lease(command.lease)
+                self._tell_goto(command.goto)
 
     def _tell(self, t_ns: int, command: cmd.Command, event: ev.Event) -> None:
         match command:
@@ -96,6 +99,16 @@ class Narrator:
             _log.info("%s has the head for himself, for at most %.0f s", lease.owner, seconds)
         elif lease.wanted_by and lease.wanted_by != before.wanted_by:
             _log.info("%s wants the head, which %s has", lease.wanted_by, lease.owner)
+
+    def _tell_goto(self, goto: GotoShown | None) -> None:
+        before, self._goto = self._goto, goto
+        if goto is None:
+            return
+        by = f" by {goto.by}" if goto.by else ""
+        if before is None or before.since_ns != goto.since_ns:
+            _log.info("the head is sent to %s%s", goto.place, by)
+        if goto.there_ns is not None and (before is None or before.there_ns != goto.there_ns):
+            _log.info("the head is at %s after %.1f s", goto.place, (goto.there_ns - goto.since_ns) / 1e9)
 
     def _moved(self, t_ns: int) -> None:
         """Somebody at a joystick is told with every position; a motion that goes on is one piece of news."""

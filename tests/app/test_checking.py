@@ -10,11 +10,12 @@ import pytest
 import yaml
 
 from ptzd.app import checking
-from ptzd.app.checking import check_devices
+from ptzd.app.checking import check_devices, check_files
 from ptzd.app.loading import Loaded, load
 from ptzd.config import FilesSource
 from ptzd.devices.v4l2_list import DeviceOffer, FormatOffer, SizeOffer
 from ptzd.errors import DeviceRefused
+from ptzd.presets import Place, Presets
 
 CALIBRATION = Path(__file__).parents[2] / "config" / "rig.example.yaml"
 
@@ -48,3 +49,13 @@ def test_a_machine_without_a_camera_is_told_so_and_other_fisheyes_need_none(load
     assert check_devices(loaded) == ["fisheye      no video device on this machine; plug the camera in"]
     files = msgspec.structs.replace(loaded.config, fisheye=FilesSource(path="pictures"))
     assert check_devices(dataclasses.replace(loaded, config=files)) == []
+
+
+def test_every_place_is_told_with_where_the_head_turns_or_why_it_cannot(loaded) -> None:
+    ahead = Place(azimuth_deg=0.0, elevation_deg=0.0, hfov_deg=40.0)
+    wide = msgspec.structs.replace(ahead, hfov_deg=170.0)
+    presets = Presets(places={"ahead": ahead, "all": wide})
+    config = msgspec.structs.replace(loaded.config, presets=presets)
+    told = [line for line in check_files(dataclasses.replace(loaded, config=config)) if line.startswith("place")]
+    assert told[0].startswith("place        ahead: pan ")
+    assert told[1].startswith("place        warning: all is 170° wide, the camera is calibrated for ")

@@ -5,10 +5,13 @@ from pathlib import Path
 import pytest
 import yaml
 
-from ptzd.app.loading import load, load_config
+from ptzd.app.loading import load, load_config, read_presets
+from ptzd.config import parse_config
 from ptzd.errors import CalibrationError, ConfigError
+from ptzd.presets import Presets
 
-CALIBRATION = (Path(__file__).parents[2] / "config" / "rig.example.yaml").read_text()
+EXAMPLES = Path(__file__).parents[2] / "config"
+CALIBRATION = (EXAMPLES / "rig.example.yaml").read_text()
 SETTINGS = {
     "rig": "hall",
     "calibration": "calibrations/rig.yaml",
@@ -147,3 +150,44 @@ def test_a_file_of_zones_that_is_not_there_or_holds_none_is_named(folder: Path) 
     (folder / "zones.yaml").write_text("[]\n")
     with pytest.raises(ConfigError, match=r"zones.yaml: \(top level\): Expected `object`"):
         load(with_zones(folder, "zones.yaml"))
+
+
+PLACES = {"places": {"gate": {"azimuth_deg": 10, "elevation_deg": 0, "hfov_deg": 20}}}
+
+
+def test_places_come_from_a_file_beside_or_from_the_settings_themselves(folder: Path) -> None:
+    path = folder / "ptzd.yaml"
+    assert load(path).config.presets.places == {}
+    (folder / "presets.yaml").write_text(yaml.safe_dump(PLACES))
+    beside = load(path)
+    assert beside.config.presets.places["gate"].azimuth_deg == 10.0
+    path.write_text(yaml.safe_dump({**SETTINGS, "presets": PLACES}))
+    with pytest.raises(ConfigError, match=r"presets: there is .*presets.yaml too; put all of them into one of the two"):
+        load(path)
+    (folder / "presets.yaml").unlink()
+    inside = load(path)
+    assert inside.config.presets == beside.config.presets
+    assert parse_config(yaml.safe_load(inside.config_text), "log").presets == inside.config.presets
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("places: {gate: {}, gate: {}}", "line 1, column 20: key 'gate' is given twice"),
+        ("places: [", "not YAML"),
+        ("places: {gate: {azimuth_deg: 1}}", "places.gate: Object missing required field"),
+    ],
+)
+def test_a_file_of_places_that_is_none_is_named(folder: Path, text: str, said: str) -> None:
+    (folder / "presets.yaml").write_text(text)
+    with pytest.raises(ConfigError) as error:
+        load(folder / "ptzd.yaml")
+    assert str(error.value).startswith(f"{folder / 'presets.yaml'}: ")
+    assert said in str(error.value)
+
+
+def test_the_example_of_places_is_taken() -> None:
+    presets = read_presets(EXAMPLES / "presets.example.yaml")
+    assert presets is not None
+    assert presets.places.keys() == {"gate", "loading bay"}
+    assert presets.hold_s == Presets().hold_s

@@ -8,8 +8,17 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ptzd.bus.decode import MAX_PAYLOAD_BYTES, lease_event, move_event, readable_id, request_event, update_event
+from ptzd.bus.decode import (
+    MAX_PAYLOAD_BYTES,
+    goto_event,
+    lease_event,
+    move_event,
+    readable_id,
+    request_event,
+    update_event,
+)
 from ptzd.control.events import (
+    GotoAsked,
     LeaseAsked,
     LeaseWish,
     MoveAsked,
@@ -76,6 +85,34 @@ def test_what_is_no_wish_is_refused_by_its_field(payload, field):
     assert isinstance(event, PayloadRefused)
     assert event.field == field
     assert event.message.startswith("lease: ")
+
+
+def test_a_place_to_go_to():
+    assert goto_event('{"place":"Tor Süd 2"}'.encode(), None) == GotoAsked(token=None, place="Tor Süd 2")
+    whole = goto_event(b'{"place":"gate","by":"desk","hold_s":0}', 5)
+    assert whole == GotoAsked(token=5, place="gate", by="desk", hold_s=0.0)
+
+
+@pytest.mark.parametrize(
+    ("payload", "field"),
+    [
+        (b"{}", "$.place"),
+        (b'{"place":""}', "$.place"),
+        (b'{"place":7}', "$.place"),
+        (b'{"place":"a\\u0007"}', "$.place"),
+        (b'{"place":"' + b"x" * 65 + b'"}', "$.place"),
+        (b'{"place":"gate","by":"two words"}', "$.by"),
+        (b'{"place":"gate","hold_s":-1}', "$.hold_s"),
+        (b'{"place":"gate","hold_s":1e9}', "$.hold_s"),
+        (b'{"place":"gate","speed":1}', "$.speed"),
+        (b"gate", "$"),
+    ],
+)
+def test_what_is_no_place_to_go_to_is_refused_by_its_field(payload, field):
+    event = goto_event(payload, 5)
+    assert isinstance(event, PayloadRefused)
+    assert event.field == field
+    assert event.message.startswith("goto: ")
 
 
 def test_frame_by_time_and_range_without_an_end():

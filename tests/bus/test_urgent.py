@@ -12,6 +12,7 @@ from zenoh.handlers import Callback
 
 from ptzd.bus import answers, replies
 from ptzd.bus.replies import Replies
+from ptzd.control.commands import ReplyRefused
 from ptzd.control.events import ControlReceived, PayloadRefused, RequestReceived, Verb
 
 PATIENCE_S = 100.0
@@ -47,21 +48,22 @@ async def until(condition) -> None:
 @pytest.mark.parametrize("verb", [Verb.STOP, Verb.HOME])
 async def test_a_stop_goes_first_and_what_waited_before_it_moves_nothing_after_it(bus, raw, verb):
     waiting = [Heard(raw, "ptzd/hall/roi", request(f"r{n}")) for n in range(20)]
-    await until(lambda: len(bus._events._events) == 20)
+    waiting.append(Heard(raw, "ptzd/hall/control/goto", b'{"place":"gate"}'))
+    await until(lambda: len(bus._events._events) == 21)
     stop = Heard(raw, f"ptzd/hall/control/{verb}")
     await until(lambda: len(bus._events._urgent) == 1)
     events = bus.events()
     first = await anext(events)
     assert isinstance(first, ControlReceived)
-    rest = [await anext(events) for _ in range(20)]
+    rest = [await anext(events) for _ in range(21)]
     assert all(isinstance(event, PayloadRefused) and event.code == "stopped" for event in rest)
-    assert {event.id for event in rest} == {f"r{n}" for n in range(20)}
+    assert {event.id for event in rest} == {*(f"r{n}" for n in range(20)), None}
     later = Heard(raw, "ptzd/hall/roi", request("later"))
     assert isinstance(await anext(events), RequestReceived)
     await events.aclose()
     for event in (first, *rest):
         bus._pending.refuse(event.token, replies.ErrorReply(code="done", message="done"))
-    assert [(await heard.all())[0]["code"] for heard in (stop, *waiting)] == ["done"] * 21
+    assert [(await heard.all())[0]["code"] for heard in (stop, *waiting)] == ["done"] * 22
     del later
 
 
@@ -85,6 +87,19 @@ async def test_an_operator_hears_that_his_word_was_sent_when_it_takes_longer(bus
     events = bus.events()
     assert isinstance(await anext(events), ControlReceived), "it takes effect all the same"
     await events.aclose()
+
+
+async def test_an_arrival_may_take_longer_than_any_other_answer(bus, raw, monkeypatch):
+    monkeypatch.setattr(bus._pending, "_answer_within_s", 0.05)
+    heard = Heard(raw, "ptzd/hall/control/goto", b'{"place":"gate"}')
+    assert (await Heard(raw, "ptzd/hall/control/stop").all())[0]["code"] == "unconfirmed"
+    assert not heard.ended.is_set()
+    events = bus.events()
+    found = [await anext(events), await anext(events)]
+    token = next(event.token for event in found if not isinstance(event, ControlReceived))
+    await events.aclose()
+    bus.perform(ReplyRefused(token=token, code="preempted", message="desk has taken the head", field="$.place"))
+    assert (await heard.all())[0]["code"] == "preempted"
 
 
 async def test_a_wildcard_is_answered_with_the_newest_and_few_may_ask_at_once(bus, raw, result, monkeypatch):

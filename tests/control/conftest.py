@@ -20,6 +20,14 @@ from ptzd.geometry.sphere import pan_tilt
 from ptzd.geometry.unified import UnifiedCamera
 from ptzd.geometry.zoom import ZoomEntry, ZoomTable
 from ptzd.model import Box, Candidate, FrameRef, HeadLimits, HeadReading, MatchResult, ViewRef
+from ptzd.presets import Place, Presets
+
+PLACES = {
+    "gate": Place(azimuth_deg=40.0, elevation_deg=-10.0, hfov_deg=20.0),
+    "yard": Place(azimuth_deg=-35.0, elevation_deg=5.0, hfov_deg=50.0),
+    "behind": Place(azimuth_deg=179.0, elevation_deg=0.0, hfov_deg=40.0),
+}
+"""The last one lies outside the head's limits."""
 
 
 @pytest.fixture(scope="session")
@@ -52,6 +60,7 @@ def config() -> Config:
         home=Home(idle_s=5.0),
         search=Search(),
         lock=Lock(hold_s=4.0, verify_every_s=1.5),
+        presets=Presets(places=PLACES, hold_s=8.0),
     )
 
 

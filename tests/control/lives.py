@@ -37,6 +37,7 @@ def plain(kind: type[ev.Event], t_ns: int) -> ev.Event:
         ev.ControlReceived: {"token": 9, "verb": ev.Verb.STOP},
         ev.LeaseAsked: {"token": 9, "wish": ev.LeaseWish.TAKE, "owner": "somebody"},
         ev.MoveAsked: {"token": 9, "wish": ev.MoveWish.TO, "owner": "somebody"},
+        ev.GotoAsked: {"token": 9, "place": "gate"},
         ev.FrameArrived: {"frame": frame},
         ev.HeadReady: {"limits": limits, "reading": HOME},
         ev.DeviceLost: {"device": ev.Device.PTZ, "reason": "no answer"},
@@ -187,6 +188,17 @@ class Life:
         if self.lenses:
             self.tell(ev.LensAnswered(lens_id=self.lenses.pop(0), refused=self.pick(["", "Error: no"])))
 
+    def _goto(self) -> None:
+        """Somebody sends the head to a place, or to one that is none."""
+        self.tell(
+            ev.GotoAsked(
+                token=self.pick([None, self._token(), self._token()]),
+                place=self.pick(["gate", "yard", "behind", "nowhere"]),
+                by=self.pick(["", *PEOPLE]),
+                hold_s=self.pick([None, 0.0, 2.0]),
+            )
+        )
+
     def _answer(self) -> None:
         """What is due: a match, else the head."""
         if self.matches and self.pick([True, False]):
@@ -311,6 +323,7 @@ class Life:
             isinstance(event, ev.RequestReceived | ev.DeviceWell)
             or (isinstance(event, ev.ControlReceived) and event.verb is ev.Verb.HOME)
             or (isinstance(event, ev.LeaseAsked) and event.wish is ev.LeaseWish.TAKE)
+            or isinstance(event, ev.GotoAsked)
         )
         if asks:
             self.stands = False
@@ -348,7 +361,14 @@ class Life:
                 assert command.elapsed_ms >= 0
             case cmd.ReplyRefused(token=None):
                 pass
-            case cmd.ReplyAccepted() | cmd.ReplyRefused() | cmd.ReplyOutcome() | cmd.ReplyLease() | cmd.ReplyMove():
+            case (
+                cmd.ReplyAccepted()
+                | cmd.ReplyRefused()
+                | cmd.ReplyOutcome()
+                | cmd.ReplyLease()
+                | cmd.ReplyMove()
+                | cmd.ReplyGoto()
+            ):
                 self.answered[command.token] = self.answered.get(command.token, 0) + 1
             case _:
                 pass
@@ -379,7 +399,11 @@ class Life:
             active = (new[-1] if new else self.status).active
             if active is None:  # it may begin and end at once, when its time is over
                 active = next((told.id for told in commands if isinstance(told, cmd.PublishFeedback)), None)
-            assert not asked or self.by[active] in {before, self.lent.get(active)}, "only what he asked for moves"
+            goto = (new[-1] if new else self.status).goto
+            if asked and goto is not None and active is None:
+                assert goto.by == before, "only what he asked for moves"
+            else:
+                assert not asked or self.by[active] in {before, self.lent.get(active)}, "only what he asked for moves"
             if active is not None:
                 self.lent[active] = before
         silent = self.t_ns >= self.heard_ns + self.machine.config.lease.silence_s * SECOND_NS
@@ -406,13 +430,18 @@ class Life:
     def _serving(self, event: ev.Event) -> bool:
         return self.status.ptz == "well" and not isinstance(event, ev.DeviceLost)
 
+    def _goes(self, status: cmd.PublishStatus) -> bool:
+        """Whether an operator's goto wants its time: while it is kept at its place by `hold` it does not."""
+        goto = status.goto
+        return goto is not None and (goto.there_ns is None or not status.held)
+
     def _check_deadline(self) -> None:
         """Armed exactly while something is under way; the only thing besides is going home after a while."""
         deadline, status = self.machine.deadline_ns(), self.status
         under_way = bool(self.matches) or self.stop_sent_ns is not None or status.active is not None or status.queue
         if any(isinstance(command, cmd.Finished) for command in self.done):
             assert deadline is None
-        elif under_way or self.machine.state in WORKING | {State.HOME} or status.lease is not None:
+        elif under_way or self.machine.state in WORKING | {State.HOME} or status.lease or self._goes(status):
             assert deadline is not None
         elif self.machine.state is not State.IDLE:
             assert deadline is None

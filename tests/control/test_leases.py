@@ -62,6 +62,21 @@ def test_requests_wait_for_the_end_of_it(world) -> None:
     assert world.results()["later"][0].outcome is Outcome.LOCKED
 
 
+def test_what_the_last_one_asked_for_waits_for_the_next_ones_hand(world) -> None:
+    """Under his lease it went before him; the next person's lease goes before it."""
+    world.tell(ev.ControlReceived(token=9, verb=ev.Verb.STOP))
+    ask(world, "take", "gate")
+    world.request("his", token=2, by="gate", hold_s=0.0)
+    ask(world, "give", "gate")
+    ask(world, "take", "desk")
+    world.run(1.0)
+    assert world.machine.state is State.MANUAL
+    assert world.of(cmd.MoveHead) == []
+    ask(world, "give", "desk")
+    world.run(until=State.HOME)
+    assert world.results()["his"][0].outcome is Outcome.LOCKED
+
+
 def test_who_is_silent_has_it_no_more(world) -> None:
     ask(world, "take")
     world.request("later", token=2, hold_s=0.0)

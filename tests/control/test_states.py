@@ -48,6 +48,8 @@ def snapshots(new_world) -> dict[State, tuple[ev.Snapshot, int]]:
     world.run(until=State.MANUAL)
     keep(world)
     world.tell(ev.LeaseAsked(token=5, wish=ev.LeaseWish.GIVE, owner="desk"))
+    world.tell(ev.GotoAsked(token=6, place="gate"))
+    keep(world)
     world.request("c", token=3, hold_s=0.0)
     world.tell(ev.DeviceLost(device=ev.Device.FISHEYE, reason="unplugged"))
     keep(world)

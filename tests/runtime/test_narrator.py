@@ -6,7 +6,7 @@ import pytest
 
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
-from ptzd.model import FrameRef, HeadReading, Outcome
+from ptzd.model import FrameRef, GotoShown, HeadReading, Outcome
 from ptzd.runtime.narrator import Narrator
 
 
@@ -49,6 +49,22 @@ def test_a_foreign_motion_that_goes_on_is_told_once_and_the_next_one_again(lines
     assert [len(moved(k / 10)) for k in range(600)] == [1] + [0] * 599
     assert len(moved(59.9 + 4.9)) == 0
     assert len(moved(59.9 + 4.9 + 5.1)) == 1
+
+
+def test_a_place_is_told_when_it_is_asked_for_and_when_the_head_is_there(lines) -> None:
+    def status(goto: GotoShown | None) -> list[str]:
+        told = cmd.PublishStatus(
+            state="GOTO", active=None, phase="", queue=(), fisheye="well", ptz="well", held=False, goto=goto
+        )
+        return [text for level, text in lines(QUIET, told) if level == logging.INFO]
+
+    way = GotoShown(place="gate", by="desk", since_ns=10)
+    there = GotoShown(place="gate", by="desk", since_ns=10, there_ns=1_500_000_010, until_ns=9_000_000_000)
+    assert status(way) == ["the head is sent to gate by desk"]
+    assert status(way) == []
+    assert status(there) == ["the head is at gate after 1.5 s"]
+    assert status(there) == []
+    assert status(None) == []
 
 
 def test_positions_and_frames_are_no_news(lines) -> None:

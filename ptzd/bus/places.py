@@ -1,0 +1,40 @@
+"""Messages of named places."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from ptzd.bus.fields import END, Id, Incoming, Seconds
+from ptzd.outgoing import Outgoing
+
+PlaceName = Annotated[
+    str,
+    Meta(
+        min_length=1,
+        max_length=64,
+        pattern=rf"^[^\x00-\x1f\x7f-\x9f]*{END}",
+        description="as in presets.yaml: 1 to 64 characters, no control characters",
+    ),
+]
+
+
+class GotoRequest(Incoming, frozen=True):
+    """Send the head to a named place."""
+
+    place: PlaceName
+    by: Id | Literal[""] = ""
+    """Who asks: where somebody has the head for himself, he alone may."""
+    hold_s: Seconds | None = None
+    """How long it stays there before what waits goes on; absent = ``presets.hold_s``."""
+
+
+class GotoReply(Outgoing, frozen=True):
+    """The head is there, in the calibrated head frame."""
+
+    place: str
+    pan_deg: float
+    tilt_deg: float
+    zoom: float
+    hfov_deg: float
