@@ -14,7 +14,7 @@ from ptzd.bus.by_hand import MoveReply
 from ptzd.bus.decode import decode
 from ptzd.bus.keys import Keys, request_id_of
 from ptzd.bus.messages import ErrorReply, LogReply, LogRequest, encoding
-from ptzd.bus.pending import BUSY, PendingQueries
+from ptzd.bus.pending_queries import BUSY, PendingQueries
 from ptzd.bus.places import GotoReply
 from ptzd.bus.replies import Replies
 from ptzd.bus.results import KeptResults

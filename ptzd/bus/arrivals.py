@@ -14,9 +14,9 @@ import zenoh
 from zenoh.handlers import Callback
 
 from ptzd.bus.decode import MAX_PAYLOAD_BYTES, too_large
-from ptzd.bus.inbox import Inbox
+from ptzd.bus.mailbox import Mailbox
 from ptzd.bus.messages import ErrorReply
-from ptzd.bus.pending import BUSY
+from ptzd.bus.pending_queries import BUSY
 from ptzd.bus.replies import send_refusal
 from ptzd.ports import Clock
 
@@ -67,13 +67,13 @@ class Arrivals:
         self._session = session
         self._clock = clock
         self._crowded = crowded
-        self._inbox: Inbox[tuple[Handler, Arrival]] = Inbox(asyncio.get_running_loop(), capacity, evict=evict)
+        self._box: Mailbox[tuple[Handler, Arrival]] = Mailbox(asyncio.get_running_loop(), capacity, evict=evict)
         self._declared: list[zenoh.Queryable[None] | zenoh.Subscriber[None]] = []
 
     @property
     def dropped(self) -> int:
         """Messages that found no room."""
-        return self._inbox.dropped
+        return self._box.dropped
 
     def answer(self, key: str, handler: Handler) -> None:
         """Declare a queryable."""
@@ -84,11 +84,11 @@ class Arrivals:
             if size > MAX_PAYLOAD_BYTES:
                 error = too_large(size)
                 send_refusal(query, ErrorReply(code=error.code, message=error.message))
-                self._inbox.push((handler, Arrival(key=key, payload=b"", size=size, t_ns=self._clock.now_ns())))
+                self._box.push((handler, Arrival(key=key, payload=b"", size=size, t_ns=self._clock.now_ns())))
                 return
             payload = query.payload.to_bytes() if query.payload is not None else b""
             arrival = Arrival(key=key, payload=payload, size=size, query=query, t_ns=self._clock.now_ns())
-            if self._crowded() or not self._inbox.push((handler, arrival)):
+            if self._crowded() or not self._box.push((handler, arrival)):
                 send_refusal(query, BUSY)
 
         self._declared.append(self._session.declare_queryable(key, Callback(receive, indirect=False), complete=True))
@@ -102,13 +102,13 @@ class Arrivals:
             size = len(sample.payload)
             payload = sample.payload.to_bytes() if size <= MAX_PAYLOAD_BYTES else b""
             arrival = Arrival(key=str(sample.key_expr), payload=payload, size=size, t_ns=self._clock.now_ns())
-            self._inbox.push((handler, arrival))
+            self._box.push((handler, arrival))
 
         self._declared.append(self._session.declare_subscriber(key, Callback(receive, indirect=False)))
 
     async def run(self) -> None:
         """Hand arrivals to their handlers until the box is closed and empty."""
-        while batch := await self._inbox.take():
+        while batch := await self._box.take():
             for handler, arrival in batch:
                 handler(arrival)
             # A flood keeps the box filled: let the rest of the loop live.
@@ -118,4 +118,4 @@ class Arrivals:
         """Withdraw the keys (blocking, well under a ms) and let :meth:`run` end."""
         for declared in self._declared:
             declared.undeclare()  # type: ignore[no-untyped-call]  # untyped in the stub
-        self._inbox.close()
+        self._box.close()

@@ -8,8 +8,8 @@ import msgspec
 import zenoh
 from zenoh.handlers import Callback
 
-from ptzd.bus.inbox import Inbox
 from ptzd.bus.keys import Keys
+from ptzd.bus.mailbox import Mailbox
 from ptzd.bus.messages import Feedback, RoiResult
 
 FEEDBACK_KEPT = 1024
@@ -35,7 +35,7 @@ class Following:
         self.result_key = keys.of_request(request_id, "result")
         self.result: asyncio.Future[RoiResult] = self._loop.create_future()
         """Done when the request has ended."""
-        self._steps: Inbox[Feedback] = Inbox(self._loop, FEEDBACK_KEPT, evict=True)
+        self._steps: Mailbox[Feedback] = Mailbox(self._loop, FEEDBACK_KEPT, evict=True)
         self._subscriber: zenoh.Subscriber[None] | None = session.declare_subscriber(
             self.result_key.rpartition("/")[0] + "/*", Callback(self._receive, indirect=False)
         )

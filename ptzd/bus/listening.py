@@ -12,8 +12,8 @@ import zenoh
 from zenoh.handlers import Callback
 
 from ptzd.bus.asking import decoded
-from ptzd.bus.inbox import Inbox
 from ptzd.bus.keys import Keys
+from ptzd.bus.mailbox import Mailbox
 from ptzd.bus.messages import Feedback, RoiResult, Status
 from ptzd.errors import BusError
 from ptzd.outgoing import ImageAttachment, Pose
@@ -55,11 +55,11 @@ async def images(session: zenoh.Session, key: str) -> AsyncIterator[BusImage]:
 
 
 async def _samples(session: zenoh.Session, keys: Sequence[str], capacity: int) -> AsyncIterator[zenoh.Sample]:
-    inbox: Inbox[zenoh.Sample] = Inbox(asyncio.get_running_loop(), capacity, evict=True)
-    subscribers = [session.declare_subscriber(key, Callback(inbox.push, indirect=False)) for key in keys]
+    mailbox: Mailbox[zenoh.Sample] = Mailbox(asyncio.get_running_loop(), capacity, evict=True)
+    subscribers = [session.declare_subscriber(key, Callback(mailbox.push, indirect=False)) for key in keys]
     try:
         while True:
-            for sample in await inbox.take():
+            for sample in await mailbox.take():
                 yield sample
     finally:
         for subscriber in subscribers:

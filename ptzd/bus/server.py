@@ -14,10 +14,10 @@ import zenoh
 
 from ptzd.bus.answers import Answers, ImageHandler, LogHandler, goto_reply, move_shown
 from ptzd.bus.arrivals import Arrivals
+from ptzd.bus.core_handlers import CoreHandlers
+from ptzd.bus.event_queue import EventQueue
 from ptzd.bus.fields import Plain
 from ptzd.bus.images import ImagePublisher
-from ptzd.bus.inbound import Inbound
-from ptzd.bus.intake import EventQueue
 from ptzd.bus.keys import IMAGE_KEYS, Keys
 from ptzd.bus.messages import (
     Accepted,
@@ -31,7 +31,7 @@ from ptzd.bus.messages import (
     UpdateReply,
     encoding,
 )
-from ptzd.bus.pending import PendingQueries
+from ptzd.bus.pending_queries import PendingQueries
 from ptzd.bus.replies import Replies
 from ptzd.bus.results import KeptResults
 from ptzd.bus.session import close_session, daemon_config, open_session, provide_threads, refuse_a_second
@@ -128,7 +128,7 @@ class ZenohBus:
         self._replies = Replies()
         self._pending = PendingQueries(asyncio.get_running_loop(), PENDING_LIMIT, ANSWER_WITHIN_S, self._replies)
         self._events = EventQueue(self._still_wanted)
-        self._inbound = Inbound(self._keys, self._pending, self._events, self._replies)
+        self._core_handlers = CoreHandlers(self._keys, self._pending, self._events, self._replies)
         self._answers = Answers(
             self._keys, self._clock, self._pending, self._results, self._status_extra, self._replies
         )
@@ -233,7 +233,7 @@ class ZenohBus:
     def counters(self) -> dict[str, int]:
         """Messages dropped, queries expired, pictures sent and replaced, since the start."""
         return {
-            "dropped": self._inbound.dropped + sum(arrivals.dropped for arrivals in self._arrivals),
+            "dropped": self._core_handlers.dropped + sum(arrivals.dropped for arrivals in self._arrivals),
             "expired": self._pending.expired,
             "images_sent": self._images.sent,
             "images_replaced": self._images.replaced,
@@ -247,17 +247,17 @@ class ZenohBus:
         reads = Arrivals(session, 256, clock, crowded=lambda: replies.crowded)
         updates = Arrivals(session, 64, clock, evict=True)
         for declare in (urgent.answer, urgent.listen):
-            declare(keys.of_all_requests("cancel"), self._inbound.on_cancel)
-            declare(keys.full("control/lease"), self._inbound.on_lease)
-            declare(keys.full("control/move"), self._inbound.on_move)
+            declare(keys.of_all_requests("cancel"), self._core_handlers.on_cancel)
+            declare(keys.full("control/lease"), self._core_handlers.on_lease)
+            declare(keys.full("control/move"), self._core_handlers.on_move)
             for verb in Verb:
-                declare(keys.full(f"control/{verb}"), self._inbound.on_control(verb))
+                declare(keys.full(f"control/{verb}"), self._core_handlers.on_control(verb))
         for declare in (requests.answer, requests.listen):
-            declare(keys.full("control/goto"), self._inbound.on_goto)
-        requests.answer(keys.full("roi"), self._inbound.on_request)
-        requests.listen(keys.full("roi"), self._inbound.on_request)
-        requests.answer(keys.of_all_requests("update"), self._inbound.on_update)
-        updates.listen(keys.of_all_requests("update"), self._inbound.on_update)
+            declare(keys.full("control/goto"), self._core_handlers.on_goto)
+        requests.answer(keys.full("roi"), self._core_handlers.on_request)
+        requests.listen(keys.full("roi"), self._core_handlers.on_request)
+        requests.answer(keys.of_all_requests("update"), self._core_handlers.on_update)
+        updates.listen(keys.of_all_requests("update"), self._core_handlers.on_update)
         reads.answer(keys.full("status"), self._answers.on_status)
         reads.answer(keys.full("pose"), self._answers.on_pose)
         for key in IMAGE_KEYS:

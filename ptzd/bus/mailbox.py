@@ -10,7 +10,7 @@ from typing import Generic, TypeVar
 _T = TypeVar("_T")
 
 
-class Inbox(Generic[_T]):
+class Mailbox(Generic[_T]):
     """A mailbox that any thread may fill and one task empties.
 
     Parameters

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from ptzd.bus.intake import REQUESTS, URGENT, EventQueue
+from ptzd.bus.event_queue import REQUESTS, URGENT, EventQueue
 from ptzd.control.events import CancelReceived, ControlReceived, Event, PayloadRefused, UpdateReceived, Verb
 from ptzd.model import Box
 

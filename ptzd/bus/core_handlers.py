@@ -10,10 +10,10 @@ from collections.abc import Callable
 
 from ptzd.bus.arrivals import Arrival, Handler
 from ptzd.bus.decode import decode, goto_event, lease_event, move_event, refused, request_event, too_large, update_event
-from ptzd.bus.intake import EventQueue
+from ptzd.bus.event_queue import EventQueue
 from ptzd.bus.keys import Keys, request_id_of
 from ptzd.bus.messages import Empty
-from ptzd.bus.pending import BUSY, PendingQueries
+from ptzd.bus.pending_queries import BUSY, PendingQueries
 from ptzd.bus.replies import Replies
 from ptzd.control.events import CancelReceived, ControlReceived, Event, GotoAsked, PayloadRefused, RequestReceived, Verb
 from ptzd.errors import RequestRefused
@@ -24,7 +24,7 @@ GOTO_WITHIN_S = 30.0
 """A goto is answered when the head is there: a slow one needs 15 s, and a stop before it three."""
 
 
-class Inbound:
+class CoreHandlers:
     """Handlers for what the core decides on.
 
     Parameters
