@@ -26,6 +26,7 @@ from ptzd.bus.messages import LogReference
 from ptzd.bus.server import ZenohBus
 from ptzd.calibrate.watch import DriftWatch
 from ptzd.config import Config, FilesSource, FisheyeSource, HttpSource
+from ptzd.control.planning.zones import zones_of
 from ptzd.control.states import State
 from ptzd.devices.files import FilesFisheye
 from ptzd.devices.http_fisheye import HttpFisheye
@@ -37,11 +38,14 @@ from ptzd.errors import LogError
 from ptzd.evidence.illustrate import Illustrator
 from ptzd.log.run_info import RunInfo
 from ptzd.log.writer import McapLog
+from ptzd.model import ZoneKind
 from ptzd.ports import Clock, FrameSource, PtzHead
+from ptzd.runtime.blackening import fisheye_mask
 from ptzd.runtime.clock import SteadyClock
 from ptzd.runtime.daemon import Daemon
 from ptzd.runtime.notify import Notifier
 from ptzd.runtime.perception import ThreadPerception
+from ptzd.runtime.privacy import PrivateFisheye, PrivateHead
 from ptzd.runtime.watchdog import Vital, Watchdog
 
 OPENCV_THREADS = 1
@@ -136,6 +140,7 @@ async def _life(loaded: Loaded, stop: asyncio.Event, again: asyncio.Event, ready
         bus.set_calibration(parse_mapping(loaded.calibration_text))
         fisheye = await stack.enter_async_context(open_fisheye(config.fisheye, clock))
         head = await stack.enter_async_context(open_head(config, clock))
+        fisheye, head = await asyncio.to_thread(without_private, loaded, fisheye, head)
         perception = await stack.enter_async_context(ThreadPerception(loaded.rig))
 
         drift = DriftWatch(
@@ -218,6 +223,15 @@ async def open_head(config: Config, clock: Clock) -> AsyncIterator[PtzHead]:
             return
         _log.warning("shadow mode: everything is decided and logged, nothing moves; `stop` stops no camera either")
         yield ShadowHead(camera, config.ptz, config.shadow, clock)
+
+
+def without_private(loaded: Loaded, fisheye: FrameSource, head: PtzHead) -> tuple[FrameSource, PtzHead]:
+    """Both cameras, without what privacy zones cover; themselves where there are none."""
+    zones = tuple(zone for zone in zones_of(loaded.config, loaded.rig) if zone.kind is ZoneKind.PRIVACY)
+    if not zones:
+        return fisheye, head
+    mask = fisheye_mask(loaded.rig, zones)
+    return PrivateFisheye(fisheye, mask), PrivateHead(head, loaded.rig, zones)
 
 
 def _log_reference(log: McapLog, clock: Clock) -> LogReference | None:
