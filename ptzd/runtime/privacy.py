@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from ptzd.geometry.rig import Rig
 from ptzd.geometry.types import Mask
 from ptzd.geometry.zones import Zone
-from ptzd.model import FrameRef, HeadLimits, HeadReading, HeadSpeed, Motion, ViewRef
+from ptzd.model import FrameRef, HeadLimits, HeadReading, HeadSpeed, Lens, Motion, ViewRef
 from ptzd.ports import FrameSource, HeadPoll, Picture, PtzHead
 from ptzd.runtime.blackening import REST_RAD, HeadScreen, blackened
 
@@ -84,6 +84,10 @@ class PrivateHead:
     async def steer(self, speed: HeadSpeed, until_ns: int) -> HeadReading:
         """See the port."""
         return await self._head.steer(speed, until_ns)
+
+    async def set_lens(self, lens: Lens) -> None:
+        """See the port."""
+        await self._head.set_lens(lens)
 
     async def stop(self) -> None:
         """See the port."""
