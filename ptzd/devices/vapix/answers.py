@@ -52,7 +52,6 @@ class Attributes:
 
     max_speed_deg_s: float | None = None
     """Of absolute moves at ``speed=100``."""
-    max_optical_magnification: float | None = None
     zoom_steps: tuple[tuple[float, float], ...] = ()
     """Pairs of zoom unit and magnification."""
 
@@ -157,7 +156,6 @@ def attributes(reply: Reply) -> Attributes:
     speeds = [entry[1] for entry in _table(camera, "speed")]
     return Attributes(
         max_speed_deg_s=max(speeds, default=None),
-        max_optical_magnification=_positive(camera.get("maxOpticalZoomMag")),
         zoom_steps=tuple(_table(camera, "zoom")),
     )
 
