@@ -1,4 +1,4 @@
-.PHONY: install test check imports matrix format demo figures bench-accuracy bench-replay bench-load life opencv golden soak scenes deb rig-vm clean
+.PHONY: install test check imports matrix format demo figures bench-accuracy bench-ranges bench-replay bench-load life opencv golden soak scenes deb rig-vm clean
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -46,6 +46,10 @@ bench-accuracy: install
 # The golden logs under other versions of OpenCV: make opencv VERSIONS="4.10 4.13"
 opencv: install
 	$(BIN)/python -m tests.bench.opencv $(VERSIONS)
+
+# What learned ranges are worth with 0, 10, 50 and 200 locks
+bench-ranges: install
+	$(BIN)/python -m tests.bench.ranges --write
 
 # How fast a stop is under floods of requests, wildcards and stalled listeners
 bench-load: install

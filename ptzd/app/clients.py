@@ -9,6 +9,7 @@ import msgspec
 from ptzd.bus.by_hand import LensWanted, MoveReply, MoveRequest, PanTilt, PixelPtz, Speed
 from ptzd.bus.client import Client
 from ptzd.bus.fields import BoxPx
+from ptzd.bus.known_ranges import RangeKnown, RangesReply, RangesRequest
 from ptzd.bus.messages import MESSAGES, Feedback, LeaseRequest, RoiResult, Status, schema
 from ptzd.model import GotoShown, LeaseHeld
 from ptzd.outgoing import MotorStatus, Pose, ShadowPose
@@ -27,6 +28,9 @@ __all__ = [
     "PanTilt",
     "PixelPtz",
     "Pose",
+    "RangeKnown",
+    "RangesReply",
+    "RangesRequest",
     "RoiResult",
     "ShadowPose",
     "Speed",

@@ -11,8 +11,9 @@ import msgspec
 
 from ptzd.bus.asking import ask, ask_one, rigs_alive, rigs_answering
 from ptzd.bus.by_hand import MoveReply, MoveRequest
-from ptzd.bus.decode import check_move, decode
+from ptzd.bus.decode import check_move, check_ranges, decode
 from ptzd.bus.keys import ANY_RIG, Keys, check_id
+from ptzd.bus.known_ranges import RangesReply, RangesRequest
 from ptzd.bus.leasing import KeptLease, keep
 from ptzd.bus.messages import ControlReply, Empty, LeaseReply, LeaseRequest
 from ptzd.bus.places import GotoReply, GotoRequest
@@ -171,6 +172,13 @@ class OperatedConnection(Connection):
         decode(msgspec.json.encode(request), GotoRequest)
         key = (await self._keys()).full("control/goto")
         return await ask_one(self._session, key, GotoReply, max(self._timeout_s, GOTO_WAIT_S), request)
+
+    async def ranges(self, request: RangesRequest | None = None) -> RangesReply:
+        """What locks have taught of the scene's ranges, after forgetting what the request says."""
+        asked = request or RangesRequest()
+        check_ranges(decode(msgspec.json.encode(asked), RangesRequest))
+        key = (await self._keys()).full("control/ranges")
+        return await ask_one(self._session, key, RangesReply, self._timeout_s, asked)
 
     async def move(self, request: MoveRequest) -> MoveReply:
         """One move of whoever has the lease; `KeptLease` has a method for each kind."""

@@ -9,7 +9,17 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ptzd.bus.arrivals import Arrival, Handler
-from ptzd.bus.decode import decode, goto_event, lease_event, move_event, refused, request_event, too_large, update_event
+from ptzd.bus.decode import (
+    decode,
+    goto_event,
+    lease_event,
+    move_event,
+    ranges_event,
+    refused,
+    request_event,
+    too_large,
+    update_event,
+)
 from ptzd.bus.event_queue import EventQueue
 from ptzd.bus.keys import Keys, request_id_of
 from ptzd.bus.messages import Empty
@@ -105,6 +115,10 @@ class CoreHandlers:
     def on_move(self, arrival: Arrival) -> None:
         """``control/move``: a query or a put."""
         self._on_person(arrival, "control/move", move_event)
+
+    def on_ranges(self, arrival: Arrival) -> None:
+        """``control/ranges``: a query or a put."""
+        self._on_person(arrival, "control/ranges", ranges_event)
 
     def on_goto(self, arrival: Arrival) -> None:
         """``control/goto``: a query or a put."""

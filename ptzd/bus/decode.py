@@ -17,6 +17,7 @@ from msgspec import Struct
 from ptzd.bus.by_hand import LensWanted, MoveRequest
 from ptzd.bus.fields import BoxPx
 from ptzd.bus.keys import is_id
+from ptzd.bus.known_ranges import RangesRequest
 from ptzd.bus.messages import FrameName, LeaseRequest, RangeM, RoiRequest, RoiUpdate, ZoomTo
 from ptzd.bus.places import GotoRequest
 from ptzd.control.events import (
@@ -26,6 +27,7 @@ from ptzd.control.events import (
     MoveAsked,
     MoveWish,
     PayloadRefused,
+    RangesAsked,
     RequestReceived,
     UpdateReceived,
     ZoomWish,
@@ -169,6 +171,35 @@ def move_event(payload: bytes, token: int | None) -> MoveAsked | PayloadRefused:
 def _lens(wanted: LensWanted) -> Lens:
     focus, iris = (AUTOMATIC if value == "auto" else value for value in (wanted.focus, wanted.iris))
     return Lens(focus=focus, iris=iris)
+
+
+def ranges_event(payload: bytes, token: int | None) -> RangesAsked | PayloadRefused:
+    """What came in on ``control/ranges``."""
+    try:
+        asked = decode(payload or b"{}", RangesRequest)
+        check_ranges(asked)
+    except RequestRefused as error:
+        named = RequestRefused(error.code, f"ranges: {error.message}", error.field)
+        return refused(named, token, None)
+    return RangesAsked(
+        token=token,
+        forget_last=asked.forget_last or 0,
+        forget_box=_box(asked.forget_box) if asked.forget_box else None,
+        forget_all=asked.forget_all,
+    )
+
+
+def check_ranges(asked: RangesRequest) -> None:
+    """Refuse to forget in two ways at once.
+
+    Raises
+    ------
+    RequestRefused
+        Several are named.
+    """
+    given = [name for name in ("forget_last", "forget_box", "forget_all") if getattr(asked, name)]
+    if len(given) > 1:
+        raise RequestRefused("invalid", f"expected at most one way to forget; there is {' and '.join(given)}", "$")
 
 
 def check_move(asked: MoveRequest) -> MoveWish:

@@ -27,6 +27,7 @@ from ptzd.bus.fields import (
     Seconds,
     Timeout,
 )
+from ptzd.bus.known_ranges import RangesReply, RangesRequest
 from ptzd.bus.places import GotoReply, GotoRequest
 from ptzd.errors import RequestRefused
 from ptzd.model import FrameRef, GotoShown, LeaseHeld, Outcome, Result
@@ -261,9 +262,9 @@ class Calibration(Outgoing, frozen=True):
 MESSAGES: dict[str, type[Struct]] = {
     message.__name__: message
     for message in (
-        RoiRequest, RoiUpdate, LeaseRequest, MoveRequest, Empty, LogRequest, Accepted, ErrorReply, Feedback, RoiResult,
-        CancelReply, ControlReply, UpdateReply, LeaseReply, MoveReply, LogReply, Pose, Status, Calibration,
-        ImageAttachment, GotoRequest, GotoReply,
+        RoiRequest, RoiUpdate, LeaseRequest, MoveRequest, RangesRequest, Empty, LogRequest, Accepted, ErrorReply,
+        Feedback, RoiResult, CancelReply, ControlReply, UpdateReply, LeaseReply, MoveReply, RangesReply, LogReply, Pose,
+        Status, Calibration, ImageAttachment, GotoRequest, GotoReply,
     )
 }  # fmt: skip
 

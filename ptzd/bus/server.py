@@ -19,6 +19,7 @@ from ptzd.bus.event_queue import EventQueue
 from ptzd.bus.fields import Plain
 from ptzd.bus.images import ImagePublisher
 from ptzd.bus.keys import IMAGE_KEYS, Keys
+from ptzd.bus.known_ranges import RangesReply
 from ptzd.bus.messages import (
     Accepted,
     CancelReply,
@@ -46,6 +47,7 @@ from ptzd.control.commands import (
     ReplyLease,
     ReplyMove,
     ReplyOutcome,
+    ReplyRanges,
     ReplyRefused,
 )
 from ptzd.control.events import (
@@ -192,6 +194,9 @@ class ZenohBus:
                 self._pending.reply(command.token, move_shown(command))
             case ReplyGoto():
                 self._pending.reply(command.token, goto_reply(command))
+            case ReplyRanges():
+                reply = RangesReply.of(command, self._clock.now_ns(), metric=self._metric)
+                self._pending.reply(command.token, reply)
             case PublishFeedback():
                 self._publish_feedback(command)
             case PublishResult():
@@ -254,6 +259,7 @@ class ZenohBus:
                 declare(keys.full(f"control/{verb}"), self._core_handlers.on_control(verb))
         for declare in (requests.answer, requests.listen):
             declare(keys.full("control/goto"), self._core_handlers.on_goto)
+            declare(keys.full("control/ranges"), self._core_handlers.on_ranges)
         requests.answer(keys.full("roi"), self._core_handlers.on_request)
         requests.listen(keys.full("roi"), self._core_handlers.on_request)
         requests.answer(keys.of_all_requests("update"), self._core_handlers.on_update)

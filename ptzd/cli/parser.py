@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from ptzd import __version__
-from ptzd.cli import asking, by_hand, calibrate, offline, places, replaying, rig
+from ptzd.cli import asking, by_hand, calibrate, known_ranges, offline, places, replaying, rig
 from ptzd.model import Box, Matcher
 
 EX_USAGE = 64
@@ -159,9 +159,19 @@ def _add_bus_commands(commands: argparse._SubParsersAction[_Parser]) -> None:
     goto.add_argument("--hold", type=float, metavar="S", help="stay there so long before what waits goes on")
     goto.add_argument("--by", default="", metavar="OWNER", help="who asks; with a lease its owner alone may")
     goto.set_defaults(run=places.goto)
+    _add_ranges(commands, common)
     cancel = commands.add_parser("cancel", parents=[common], help="take a request back")
     cancel.add_argument("id")
     cancel.set_defaults(run=asking.cancel)
+
+
+def _add_ranges(commands: argparse._SubParsersAction[_Parser], common: _Parser) -> None:
+    ranges = commands.add_parser("ranges", parents=[common], help="what locks have taught of how far away things are")
+    what = ranges.add_mutually_exclusive_group()
+    what.add_argument("--forget-last", type=count, metavar="N", help="what the newest N locks have taught")
+    what.add_argument("--forget-box", type=box, metavar="X,Y,W,H", help="what lies in a box of the fisheye picture")
+    what.add_argument("--forget-all", action="store_true")
+    ranges.set_defaults(run=known_ranges.ranges)
 
 
 def _add_offline_commands(commands: argparse._SubParsersAction[_Parser]) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ptzd.control.planning.ranges import KnownRange
 from ptzd.model import (
     MATCH_BUDGET_S,
     FrameRef,
@@ -186,6 +187,17 @@ class ReplyGoto(Command):
     place: str
     pose: HeadPose
     hfov_deg: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplyRanges(Command):
+    """Answer a question on what locks have taught of the ranges."""
+
+    token: int
+    learning: bool
+    forgotten: int
+    known: tuple[KnownRange, ...]
+    """Oldest first, after what was forgotten."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

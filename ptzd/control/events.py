@@ -183,6 +183,19 @@ class GotoAsked(Event):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RangesAsked(Event):
+    """Somebody wants to know what locks have taught of the ranges, or takes some of it back."""
+
+    token: int | None
+    """Names the query to answer; None for a put."""
+    forget_last: int = 0
+    """What the newest so many locks have taught."""
+    forget_box: Box | None = None
+    """What lies in this rectangle of the fisheye's picture, px."""
+    forget_all: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FrameArrived(Event):
     """A fisheye frame entered the ring."""
 

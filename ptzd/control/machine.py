@@ -15,6 +15,7 @@ from ptzd.control.authority import Authority
 from ptzd.control.desk import Desk
 from ptzd.control.gotos import Gotos
 from ptzd.control.health import Health
+from ptzd.control.learning import Lessons
 from ptzd.control.leases import Leases
 from ptzd.control.memory import Memory
 from ptzd.control.motor import Travel
@@ -57,6 +58,7 @@ class Machine:
             ev.LeaseAsked: leases.on_asked,
             ev.MoveAsked: Moves(memory=memory, work=work, leases=leases, authority=authority).on_asked,
             ev.GotoAsked: Gotos(memory=memory, work=work, desk=desk, authority=authority).on_asked,
+            ev.RangesAsked: Lessons(work=work).on_asked,
             ev.FrameArrived: health.on_frame,
             ev.HeadReady: health.on_head_ready,
             ev.DeviceLost: health.on_lost,

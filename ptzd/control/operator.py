@@ -85,6 +85,7 @@ class Operator:
             | ev.GotoAsked
             | ev.LeaseAsked
             | ev.MoveAsked
+            | ev.RangesAsked
             | ev.PayloadRefused
             | ev.UpdateReceived,
         ):

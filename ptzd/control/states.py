@@ -74,6 +74,7 @@ def _table() -> Table:
         ev.MatchFinished,
         ev.MatchFailed,
         ev.SettingsChanged,
+        ev.RangesAsked,
     )
     for state in LIVING:
         table[state, ev.ShutdownRequested] = frozenset({State.STOPPED})

@@ -55,6 +55,10 @@ class Narrator:
                 _log.warning("match %d failed: %s", event.match_id, event.reason)
             case ev.ForeignMotion():
                 self._moved(t_ns)
+            case ev.RangesAsked() if event.forget_all or event.forget_box or event.forget_last:
+                box, last = event.forget_box, event.forget_last
+                what = f"in {box}" if box else "all" if event.forget_all else f"of the last {last} lock(s)"
+                _log.info("asked to forget the ranges that locks have taught: %s", what)
             case ev.UpdateReceived(token=None) | ev.CancelReceived(token=None):
                 self._unheard(t_ns, event, commands)
             case _:

@@ -36,6 +36,7 @@ def plain(kind: type[ev.Event], t_ns: int) -> ev.Event:
         ev.CancelReceived: {"token": 9, "id": "a"},
         ev.ControlReceived: {"token": 9, "verb": ev.Verb.STOP},
         ev.LeaseAsked: {"token": 9, "wish": ev.LeaseWish.TAKE, "owner": "somebody"},
+        ev.RangesAsked: {"token": 9},
         ev.MoveAsked: {"token": 9, "wish": ev.MoveWish.TO, "owner": "somebody"},
         ev.GotoAsked: {"token": 9, "place": "gate"},
         ev.FrameArrived: {"frame": frame},
@@ -149,6 +150,11 @@ class Life:
     def _control(self) -> None:
         verb = self.pick(list(ev.Verb))
         self.tell(ev.ControlReceived(token=self._token(), verb=verb))
+
+    def _ranges(self) -> None:
+        """Somebody asks what is known, or takes it back."""
+        forget = self.pick([{}, {}, {"forget_last": 2}, {"forget_box": BOX}, {"forget_all": True}])
+        self.tell(ev.RangesAsked(token=self.pick([None, self._token()]), **forget))
 
     def _lease(self) -> None:
         """Somebody takes the head, goes on, gives it back or wants it."""
@@ -368,6 +374,7 @@ class Life:
                 | cmd.ReplyLease()
                 | cmd.ReplyMove()
                 | cmd.ReplyGoto()
+                | cmd.ReplyRanges()
             ):
                 self.answered[command.token] = self.answered.get(command.token, 0) + 1
             case _:

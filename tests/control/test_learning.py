@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from ptzd.config import Ranges, Search
 from ptzd.control import commands as cmd
-from ptzd.control.events import CancelReceived
+from ptzd.control.events import CancelReceived, RangesAsked
 from ptzd.control.machine import Machine
 from ptzd.control.planning.decision import Thresholds, Verdict, decide
 from ptzd.control.planning.ranges import RangeLock, RangeMap
@@ -151,6 +151,85 @@ def test_the_picture_overrules_the_map(make_world) -> None:
     world.run(60)
     assert ended(world, "walker").outcome is Outcome.LOCKED
     assert ended(world, "walker").range_m == pytest.approx(2.0, rel=0.01)
+
+
+# shown and taken back
+
+
+def asked(world, **forget: object) -> cmd.ReplyRanges:
+    (reply,) = world.tell(RangesAsked(token=77, **forget))
+    assert isinstance(reply, cmd.ReplyRanges)
+    return reply
+
+
+@pytest.fixture
+def taught(world):
+    """A rig with three locks, the last one 150 px beside the others."""
+    for name, box in (("a", BESIDE), ("b", BESIDE), ("c", replace(BESIDE, x=486))):
+        world.frame(ord(name))
+        world.request(name, box=box, hold_s=0.0)
+        world.run(30)
+    assert [one.id for one in learned(world)] == ["a", "b", "c"]
+    return world
+
+
+def test_it_is_told_where_each_lock_lies_and_what_it_counts(taught) -> None:
+    told = asked(taught)
+    assert (told.learning, told.forgotten) == (True, 0)
+    assert [one.id for one in told.known] == ["a", "b", "c"]
+    assert (told.known[2].x_px, told.known[2].y_px) == pytest.approx((506, 254), abs=0.1)
+    assert all(one.range_m == pytest.approx(4.0, rel=1e-3) for one in told.known)
+    assert all(0.99 < one.weight <= 1.0 for one in told.known)
+    assert all(0.0 < one.sigma_share < 0.1 for one in told.known)
+
+
+@pytest.mark.parametrize(
+    ("forget", "left"),
+    [
+        ({"forget_last": 1}, ["a", "b"]),
+        ({"forget_last": 2}, ["a"]),
+        ({"forget_last": 50}, []),
+        ({"forget_all": True}, []),
+        ({"forget_box": Box(x=480, y=230, w=60, h=60)}, ["a", "b"]),
+        ({"forget_box": Box(x=0, y=0, w=640, h=480)}, []),
+        ({"forget_box": Box(x=0, y=0, w=20, h=20)}, ["a", "b", "c"]),
+    ],
+)
+def test_what_is_forgotten_is_gone_and_the_rest_stays(taught, forget, left: list[str]) -> None:
+    told = asked(taught, **forget)
+    assert [one.id for one in told.known] == [one.id for one in learned(taught)] == left
+    assert told.forgotten == 3 - len(left)
+
+
+def test_forgetting_by_put_is_answered_nowhere(taught) -> None:
+    assert taught.tell(RangesAsked(token=None, forget_all=True)) == []
+    assert learned(taught) == []
+
+
+def test_forgotten_the_next_request_goes_as_the_first_one_went(make_world) -> None:
+    """Undone is as if it had never been."""
+    worlds = [make_world(search=Search(scan_hfov_deg=8.0)) for _ in range(2)]
+    for world in worlds:
+        world.start()
+    worlds[0].request("gone", hold_s=0.0)
+    worlds[0].run(60)
+    asked(worlds[0], forget_last=1)
+    worlds[1].run(60)
+    for world in worlds:
+        world.frame(5)
+        world.request("b", box=BESIDE, hold_s=0.0)
+        world.run(60)
+    first, second = ([move.target for move in moves(world)][-ended(world, "b").views :] for world in worlds)
+    assert first == second
+    assert ended(worlds[0], "b").views == ended(worlds[1], "b").views
+
+
+def test_a_replay_forgets_the_same(taught) -> None:
+    snapshot, since, done = taught.machine.snapshot(), len(taught.told), len(taught.done)
+    other = Machine.restored(taught.rig, taught.machine.config, snapshot)
+    asked(taught, forget_box=Box(x=480, y=230, w=60, h=60))
+    assert taught.replayed(other, since) == taught.done[done:]
+    assert other.ranges.locks == learned(taught)
 
 
 # the decision

@@ -17,7 +17,7 @@ LIKELY = ("request", "answer", "answer", "answer", "answer", "answer", "deadline
 UNLIKELY = (
     "well_ptz", "well_fisheye", "lost", "frame", "refused", "update", "cancel", "control", "head_fails", "match_fails",
     "late_answer", "polled", "foreign", "early_deadline", "wait", "start",
-    "settings", "lease", "lease", "lease", "hand", "hand", "hand", "polled", "lens_answers",
+    "settings", "ranges", "lease", "lease", "lease", "hand", "hand", "hand", "polled", "lens_answers",
     "goto", "goto",
 )  # fmt: skip
 ACTIONS = [*LIKELY * 8, *UNLIKELY]

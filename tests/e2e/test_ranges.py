@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import sys
 
 from ptzd.control import events as ev
 from ptzd.log.reader import LogReader
@@ -16,6 +17,15 @@ async def ended(site) -> str:
     site._listening.cancel()
     await asyncio.gather(site._listening, return_exceptions=True)
     return errors.decode()
+
+
+async def told(site, *arguments: str) -> str:
+    """What `ptzd ranges` prints."""
+    command = [sys.executable, "-m", "ptzd", "ranges", *arguments, "--connect", site.endpoint]
+    asking = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
+    said, _ = await asking.communicate()
+    assert asking.returncode == 0
+    return said.decode()
 
 
 def known_at_the_head(site) -> list[dict]:
@@ -43,3 +53,10 @@ async def test_what_a_lock_taught_is_known_after_a_restart_and_the_log_replays_a
     assert f"1 lock(s) tell the scene's ranges ({kept})" in await ended(site)
     assert [one["id"] for one in known_at_the_head(site)] == ["first", "second"]
     assert len(json.loads(kept.read_text())["locks"]) == 2
+
+    await site.spawn()
+    assert "first" in await told(site)
+    assert await told(site, "--forget-last", "1") == "1 forgotten, 1 left\n"
+    assert [one.id for one in (await site.client.ranges()).known] == ["first"]
+    await ended(site)
+    assert [one["id"] for one in json.loads(kept.read_text())["locks"]] == ["first"]

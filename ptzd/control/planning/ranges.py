@@ -7,12 +7,13 @@ ages are in the daemon's steady time.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from ptzd.control.planning.expected import Expected, expect
-from ptzd.geometry.types import Array
+from ptzd.geometry.types import Array, Mask
 
 MOST_LOCKS = 512
 """Kept at most; a look-up stays under a millisecond, a snapshot under 100 kB."""
@@ -37,6 +38,23 @@ class RangeLock:
     """When it was confirmed."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KnownRange:
+    """What one lock has taught, for a person."""
+
+    id: str
+    x_px: float
+    """Where it lies in the fisheye's picture."""
+    y_px: float
+    range_m: float | None
+    """In baselines on a rig without scale; None: infinite."""
+    sigma_share: float
+    """One sigma, as a share of the range."""
+    learned_ns: int
+    weight: float
+    """What it still counts, in (0, 1]."""
+
+
 @dataclass(slots=True, kw_only=True)
 class RangeMap:
     """All that is known, oldest first; plain values, so that a snapshot holds it."""
@@ -56,11 +74,11 @@ class RangeMap:
         forgotten, self.locks[:] = self.locks[kept:], self.locks[:kept]
         return forgotten
 
-    def forget_within(self, ray: tuple[float, float, float], radius_rad: float) -> list[RangeLock]:
-        """Take back what was learned this near to a direction; returns it."""
-        near = self._apart_rad(ray) <= radius_rad
-        forgotten = [lock for lock, gone in zip(self.locks, near, strict=True) if gone]
-        self.locks[:] = [lock for lock, gone in zip(self.locks, near, strict=True) if not gone]
+    def forget_where(self, inside: Callable[[Array], Mask]) -> list[RangeLock]:
+        """Take back what was learned in the directions, rays ``(n, 3)``, that this says yes to; returns it."""
+        gone = inside(self._rays())
+        forgotten = [lock for lock, is_gone in zip(self.locks, gone, strict=True) if is_gone]
+        self.locks[:] = [lock for lock, is_gone in zip(self.locks, gone, strict=True) if not is_gone]
         return forgotten
 
     def weights(self, t_ns: int, half_life_h: float) -> Array:
@@ -78,14 +96,17 @@ class RangeMap:
         return expect(
             apart_rad=self._apart_rad(ray),
             ray=np.array(ray),
-            rays=np.array([lock.ray for lock in self.locks]),
+            rays=self._rays(),
             inverse_ranges=np.array([lock.inverse_range for lock in self.locks]),
             sigmas=np.array([lock.sigma for lock in self.locks]),
             weights=self.weights(t_ns, half_life_h),
             baseline=baseline,
         )
 
+    def _rays(self) -> Array:
+        return np.array([lock.ray for lock in self.locks]).reshape(-1, 3)
+
     def _apart_rad(self, ray: tuple[float, float, float]) -> Array:
         """Angles ``(n,)`` between a ray and those of the locks: by the chord, which is exact also for small ones."""
-        chords = np.array([lock.ray for lock in self.locks]).reshape(-1, 3) - np.array(ray)
+        chords = self._rays() - np.array(ray)
         return np.asarray(2.0 * np.arcsin(np.minimum(np.sqrt((chords * chords).sum(axis=1)) / 2.0, 1.0)))
