@@ -47,7 +47,7 @@ def test_a_life_of_whatever_may_come(rig, config, new_world, seed: int) -> None:
     assert life.machine.state is State.STOPPED
 
 
-RARE = {Outcome.LOST, Outcome.RELEASED, Outcome.AMBIGUOUS}
+RARE = {Outcome.LOST, Outcome.RELEASED, Outcome.AMBIGUOUS, Outcome.SHADOW}
 """Ends that only a certain course of events leads to; tests of the core lead there."""
 
 
