@@ -145,6 +145,41 @@ async def hand(site: Site) -> None:
     await client.result("waits", timeout_s=PATIENCE_S)
 
 
+async def zones(site: Site) -> None:
+    """Around a lamp, beside a window, not behind a wall, and not at a tree."""
+    await site.client.request(box=BOX, id="around", hold_s=0.5)
+    await site.client.result("around", timeout_s=PATIENCE_S)
+    await site.client.request(box=BEHIND, id="behind", range_m=(2.0, 20.0))
+    await site.client.result("behind", timeout_s=PATIENCE_S)
+    with suppress(RequestRefused):
+        await site.client.request(box=TREE, id="tree")
+    await site.until_state("HOME")
+
+
+def _upright(name: str, kind: str, pans: tuple[float, float], tilts: tuple[float, float]) -> dict[str, object]:
+    (left, right), (low, high) = pans, tilts
+    corners = [[left, low], [right, low], [right, high], [left, high]]
+    return {"name": name, "kind": kind, "frame": "head", "corners_deg": corners, "range_m": [1e3, 1e4]}
+
+
+ZONES = [
+    _upright("lamp", "no_go", (-14.0, -6.0), (-18.0, -10.0)),
+    _upright("wall-below", "no_go", (30.0, 36.0), (-56.0, -15.0)),
+    _upright("wall", "no_go", (30.0, 36.0), (-20.0, 25.0)),
+    _upright("wall-above", "no_go", (30.0, 36.0), (20.0, 64.0)),
+    _upright("window", "privacy", (-31.0, -26.0), (16.0, 22.0)),
+    {
+        "name": "tree",
+        "kind": "ignore",
+        "frame": "fisheye",
+        "corners_px": [[170, 170], [230, 170], [230, 230], [170, 230]],
+    },
+]
+BEHIND = (464.0, 224.0, 32.0, 32.0)
+TREE = (185.0, 185.0, 30.0, 30.0)
+MORE: dict[str, dict[str, object]] = {"zones": {"zones": ZONES}}
+"""Settings of single stories, whole parts."""
+
 STORIES: dict[str, Story] = {
     "lock": lock,
     "refusal": refusal,
@@ -153,11 +188,12 @@ STORIES: dict[str, Story] = {
     "update": update,
     "lease": lease,
     "hand": hand,
+    "zones": zones,
 }
 
 
 @asynccontextmanager
-async def running(folder: Path) -> AsyncIterator[Site]:
+async def running(folder: Path, more: dict[str, object]) -> AsyncIterator[Site]:
     """Rig and daemon in this process; the log is closed when it is left."""
     stop, ready = asyncio.Event(), asyncio.Event()
     with reserved_port() as port:
@@ -167,7 +203,7 @@ async def running(folder: Path) -> AsyncIterator[Site]:
             document = yaml.safe_load(path.read_text())
             for name, values in CHANGES.items():
                 document[name] = {**document.get(name, {}), **values}
-            path.write_text(yaml.safe_dump(document))
+            path.write_text(yaml.safe_dump({**document, **more}))
             loaded = load(path)
             anonymous = dataclasses.replace(loaded, config_text=loaded.config_text.replace(f"{folder}/", ""))
             serving = asyncio.create_task(serve(anonymous, stop, ready=ready.set))
@@ -181,10 +217,10 @@ async def running(folder: Path) -> AsyncIterator[Site]:
                 await serving
 
 
-async def record(story: Story) -> bytes:
+async def record(name: str) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
-        async with running(Path(folder)) as site:
-            await story(site)
+        async with running(Path(folder), MORE.get(name, {})) as site:
+            await STORIES[name](site)
         (log,) = (Path(folder) / "log").glob("*.mcap")
         return log.read_bytes()
 
@@ -254,7 +290,7 @@ def main(names: list[str]) -> None:
     for name in names or STORIES:
         with tempfile.TemporaryDirectory() as folder:
             fresh = Path(folder) / f"{name}.mcap"
-            fresh.write_bytes(asyncio.run(record(STORIES[name])))
+            fresh.write_bytes(asyncio.run(record(name)))
             found = replay(fresh, recompute=True)
             assert found.same, [str(difference) for difference in found.differences]
             renew(name, fresh)

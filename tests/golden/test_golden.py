@@ -30,6 +30,7 @@ OUTCOMES = {
     "update": {"moving": "locked"},
     "lease": {"interrupted": "preempted", "waits": "locked"},
     "hand": {"waits": "locked"},
+    "zones": {"around": "locked", "behind": "unreachable"},
 }
 
 
@@ -99,6 +100,12 @@ def test_they_hold_what_they_are_for() -> None:
     assert any(isinstance(event, ev.UpdateReceived) for event in updated)
     lost = [e.event for e in decisions("device_loss") if not isinstance(e, LoggedCommand)]
     assert any(isinstance(event, ev.DeviceLost) for event in lost)
+    zones = [c.command for c in decisions("zones") if isinstance(c, LoggedCommand)]
+    (refused_move,) = [told for told in zones if isinstance(told, cmd.RefuseMove)]
+    assert refused_move.reason.startswith("no way leads around the no_go zones")
+    assert [told.code for told in zones if isinstance(told, cmd.ReplyRefused)] == ["zone"]
+    grab = next(index for index, told in enumerate(zones) if isinstance(told, cmd.GrabView))
+    assert sum(isinstance(told, cmd.MoveHead) for told in zones[:grab]) > 1, "the first way has more than one leg"
 
 
 def test_the_falsified_one_fails_at_its_place(capsys) -> None:
