@@ -2,8 +2,9 @@
 
 A simulated rig and the daemon, each a process; clients that request, update, cancel, stop, send home, hold, release,
 read and rotate the log; reloads; every fault of the camera and of the fisheye, cuts and reboots; floods of requests;
-apps that listen or ask and then stop reading. At the end: every accepted request has exactly one result, memory is flat
-over the last half, every log replays. Exit 1 where one of these does not hold.
+apps that listen or ask and then stop reading; people who take the head and move it by hand. At the end: every accepted
+request has exactly one result, memory is flat over the last half, every log replays. Exit 1 where one of these does not
+hold.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from ptzd.bus.client import Client
 from ptzd.bus.messages import RoiResult
 from ptzd.errors import BusError, PtzdError
 from tests.bench.load import flood, wait_until_serving
+from tests.bench.people import People
 from tests.bench.site import RIG, ROOT, LiveRig
 
 FAULTS: tuple[dict[str, object], ...] = (
@@ -101,7 +103,13 @@ class Life:
             hearing = asyncio.create_task(self._hear(client))
             beside = [
                 asyncio.create_task(work)
-                for work in (self._trouble(), self._stall(), self._update_fast(client), self._flood(client))
+                for work in (
+                    self._trouble(),
+                    self._stall(),
+                    self._update_fast(client),
+                    self._flood(client),
+                    self._people(client),
+                )
             ]
             try:
                 await self._act(client)
@@ -184,6 +192,13 @@ class Life:
         """An id that was asked for lately: the daemon still knows how it ended (``queue.results_kept_s``)."""
         latest = time.monotonic() - KNOWN_S
         return self._chance.choice([name for name, asked in self._asked.items() if asked > latest])
+
+    async def _people(self, client: Client) -> None:
+        chance = random.Random(self._chance.random())
+        people = People(client, chance, self.done, self.refused, self.accepted.add)
+        while True:
+            await self._pause(20, 90)
+            await people.come()
 
     async def _update_fast(self, client: Client) -> None:
         """A tracker: now and then twenty updates a second for whoever is served."""
