@@ -13,7 +13,10 @@ from ptzd.calibrate import live
 from ptzd.calibrate.parts import Say
 from ptzd.calibration.guide import Goal
 from ptzd.calibration.target import Target
+from ptzd.config import Config
 from ptzd.devices.vapix.head import VapixHead
+from ptzd.errors import ConfigError
+from ptzd.model import ZoneKind
 from ptzd.runtime.clock import SteadyClock
 
 
@@ -31,6 +34,7 @@ async def capture(
     Without ``pan_deg`` it looks 84° to either side of home.
     """
     config, clock = load_settings(config_path), SteadyClock()
+    refuse_zones(config, ZoneKind.NO_GO, ZoneKind.PRIVACY)
     await asyncio.to_thread(work.mkdir, parents=True, exist_ok=True)
     async with open_fisheye(config.fisheye, clock) as source:
         await capturing.fisheye_mean(source, work)
@@ -42,8 +46,10 @@ async def capture(
 
 async def record(config_path: Path, target: Target, folder: Path, goal: Goal, show: live.Show) -> Path:
     """Watch the configured fisheye (V4L2, HTTP or files), see :func:`ptzd.calibrate.live.record`."""
+    config = load_settings(config_path)
+    refuse_zones(config, ZoneKind.PRIVACY)
     await asyncio.to_thread(folder.mkdir, parents=True, exist_ok=True)
-    async with open_fisheye(load_settings(config_path).fisheye, SteadyClock()) as source:
+    async with open_fisheye(config.fisheye, SteadyClock()) as source:
         return await live.record(source, target, folder, goal, show)
 
 
@@ -52,5 +58,22 @@ async def record_zooms(
 ) -> Path:
     """Drive the configured PTZ through zooms, see :func:`ptzd.calibrate.live.zoom_pictures`."""
     config, clock = load_settings(config_path), SteadyClock()
+    refuse_zones(config, ZoneKind.NO_GO, ZoneKind.PRIVACY)
     async with VapixHead(config.ptz, config.limits, clock) as head:
         return await live.zoom_pictures(head, clock, target, work, zooms, goal, show)
+
+
+def refuse_zones(config: Config, *kinds: ZoneKind) -> None:
+    """Refuse to begin where zones would not be kept: without a calibration nobody knows where they are.
+
+    Raises
+    ------
+    ConfigError
+        The settings have zones of these kinds.
+    """
+    names = [zone.name for zone in config.zones if zone.kind in kinds]
+    if names:
+        raise ConfigError(
+            f"zones: {', '.join(names)}: this moves the head, or keeps pictures, as if there were none; "
+            "use a copy of the settings with `zones: []` if that may be"
+        )

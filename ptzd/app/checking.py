@@ -8,8 +8,10 @@ import math
 import cv2
 import numpy as np
 
+from ptzd.app.capturing import refuse_zones
 from ptzd.app.daemon import open_fisheye
 from ptzd.app.loading import Loaded
+from ptzd.app.zone_sheet import zone_lines
 from ptzd.config import Config, HttpSource, Ptz, V4l2Source
 from ptzd.control.planning.places import reading_at
 from ptzd.control.planning.reach import reach_of
@@ -21,7 +23,7 @@ from ptzd.devices.vapix.timing import measure_timing
 from ptzd.errors import ConfigError, DeviceLost, RequestRefused
 from ptzd.jpeg.pixels import decode_grey
 from ptzd.jpeg.walk import read_header
-from ptzd.model import HeadLimits, HeadReading
+from ptzd.model import HeadLimits, HeadReading, ZoneKind
 from ptzd.runtime.clock import SteadyClock
 
 MOVING_DEG_S = 30.0
@@ -45,6 +47,7 @@ def check_files(loaded: Loaded) -> list[str]:
         f"ptz          zoom {low:g} to {high:g}, field of view {wide:.1f}° to {narrow:.2f}°",
         f"baseline     {baseline:.3f} {unit}; search band ±{band:.2f}° at the nearest range",
         *_places(loaded),
+        *zone_lines(loaded),
         *_exposed_passwords(loaded.config),
     ]
 
@@ -84,6 +87,8 @@ async def check_cameras(loaded: Loaded, *, timing: bool) -> list[str]:
         When one does not answer, or its pictures do not fit the calibration.
     """
     clock, config, rig = SteadyClock(), loaded.config, loaded.rig
+    if timing:
+        refuse_zones(config, ZoneKind.NO_GO)
     async with VapixHead(config.ptz, config.limits, clock) as head:
         limits = await head.describe()
         poll = await anext(head.polls())
@@ -99,14 +104,19 @@ async def check_cameras(loaded: Loaded, *, timing: bool) -> list[str]:
         _size_line("ptz", picture.jpeg, rig.zoom.size_px),
         f"ptz          pose of that picture known to {view.sigma_deg:.3f}° (one sigma)",
     ]
-    async with open_fisheye(config.fisheye, clock) as fisheye:
+    return [*lines, _size_line("fisheye", await fisheye_picture(loaded), rig.fisheye.size_px)]
+
+
+async def fisheye_picture(loaded: Loaded) -> bytes:
+    """One picture of the fisheye as it is now; `DeviceError` when there is none."""
+    async with open_fisheye(loaded.config.fisheye, SteadyClock()) as fisheye:
         try:
             first = await asyncio.wait_for(anext(aiter(fisheye.pictures())), PICTURE_S)
         except TimeoutError:
             raise DeviceLost(
                 f"fisheye: no picture within {PICTURE_S:g} s; check cable, device name or address"
             ) from None
-    return [*lines, _size_line("fisheye", first.jpeg, rig.fisheye.size_px)]
+    return first.jpeg
 
 
 def check_devices(loaded: Loaded) -> list[str]:

@@ -98,13 +98,18 @@ def checked_rig(config: Config, text: str, name: str) -> Rig:
     return rig
 
 
+def widest_limits(config: Config) -> HeadLimits:
+    """The limits of the settings; those of the camera may be narrower."""
+    limits = config.limits
+    return HeadLimits(pan_deg=limits.pan_deg, tilt_deg=limits.tilt_deg, zoom=limits.zoom)
+
+
 def _check_home(config: Config, rig: Rig) -> None:
     """Refuse zones that are no polygons, and those that the head would rest in."""
-    zones = zones_of(config, rig)
-    limits = config.limits
-    widest = HeadLimits(pan_deg=limits.pan_deg, tilt_deg=limits.tilt_deg, zoom=limits.zoom)
+    if not config.zones:
+        return
     home = home_of(config)
-    objection = reach_of(widest, rig, zones).objection(home)
+    objection = reach_of(widest_limits(config), rig, zones_of(config, rig)).objection(home)
     if objection is not None:
         place = f"home (pan {home.pan_deg:g}°, tilt {home.tilt_deg:g}°, zoom {home.zoom:g})"
         raise ConfigError(f"zones: {place} is {objection}; move home or the zone")

@@ -30,7 +30,7 @@ def locate(arguments: argparse.Namespace) -> int:
         range_m=arguments.range,
     )
     if arguments.draw is not None:
-        _write_picture(arguments.draw, locating.draw(located))
+        write_picture(arguments.draw, locating.draw(located))
     document = locating.document(located)
     if arguments.json:
         print(json.dumps(document))
@@ -44,7 +44,8 @@ def locate(arguments: argparse.Namespace) -> int:
     return 0 if locating.found(located) else 1
 
 
-def _write_picture(path: Path, pixels: NDArray[np.uint8]) -> None:
+def write_picture(path: Path, pixels: NDArray[np.uint8]) -> None:
+    """Write a picture in the format that its name says."""
     if not cv2.haveImageWriter(str(path)):
         raise locating.DataError(f"{path}: no format of this name; end it in .png or .jpg")
     if not cv2.imwrite(str(path), pixels):

@@ -84,6 +84,8 @@ def _add_rig_commands(commands: argparse._SubParsersAction[_Parser]) -> None:
     check.add_argument("--config", type=Path, required=True)
     check.add_argument("--connect", action="store_true", help="talk to both cameras and report what they are")
     check.add_argument("--timing", action="store_true", help="measure the delay of pictures by a few small steps too")
+    check.add_argument("--zones", type=Path, metavar="FILE", help="draw the zones into a picture (PNG or JPEG)")
+    check.add_argument("--picture", type=Path, metavar="JPEG", help="of the fisheye, to draw the zones over")
     check.set_defaults(run=rig.check)
     sim = commands.add_parser("sim", help="the simulated rig alone")
     sim.add_argument("--list", action="store_true", help="names of scenes and profiles")

@@ -7,12 +7,16 @@ import asyncio
 import json
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 from rich.table import Table
 
 from ptzd.cli import terminal
 from ptzd.plain import plain_lines
+
+if TYPE_CHECKING:
+    from ptzd.app.loading import Loaded
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -38,7 +42,25 @@ def check(arguments: argparse.Namespace) -> int:
     if arguments.connect or arguments.timing:
         for line in asyncio.run(check_cameras(loaded, timing=arguments.timing)):
             print(line)
+    if arguments.zones is not None:
+        _draw_zones(arguments, loaded)
     return 0
+
+
+def _draw_zones(arguments: argparse.Namespace, loaded: Loaded) -> None:
+    """Over a picture of the camera, a given one, or none."""
+    from ptzd.app.checking import fisheye_picture
+    from ptzd.app.zone_sheet import read_picture, zone_sheet
+    from ptzd.cli.offline import write_picture
+    from ptzd.jpeg.pixels import decode_bgr
+
+    pixels = None
+    if arguments.picture is not None:
+        pixels = read_picture(arguments.picture)
+    elif arguments.connect:
+        pixels = decode_bgr(asyncio.run(fisheye_picture(loaded)))
+    write_picture(arguments.zones, zone_sheet(loaded, pixels))
+    print(f"zones        drawn into {arguments.zones}")
 
 
 def sim(arguments: argparse.Namespace) -> int:
