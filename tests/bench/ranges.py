@@ -8,6 +8,7 @@ boxes, held out, each with every map, from the same pose of the head. Conditions
 ``wide``      the PTZ as it is: its widest view (62°) mostly shows the whole arc at once
 ``narrow``    a scan with 16° views, as with a long lens: the arc takes several
 ``copies``    wide, and every picture shows the region a second time elsewhere on its arc
+``narrow copies``  both
 ``absent``    wide, and the box shows what is nowhere on its arc
 ``lying map`` wide, and every range of the map is twice what it is
 """
@@ -38,14 +39,14 @@ from tests.bench.stage import Stage, stage
 
 SCENES = ("room", "yard", "warehouse")
 LOCKS = (0, 10, 50, 200)
-CONDITIONS = ("wide", "narrow", "copies", "absent", "lying map")
+CONDITIONS = ("wide", "narrow", "copies", "narrow copies", "absent", "lying map")
 RANGE_M = (0.8, 100.0)
 NARROW_DEG = 16.0
 NOISE = 3.0
 """One sigma of both cameras, grey levels."""
 LEAST_CONTRAST = 6.0
 WRONG_RAD = np.radians(3.0)
-COPY_DEG = (4.0, 15.0)
+COPY_DEG = (9.0, 20.0)
 """How far along the arc a copy stands."""
 VIEW_PX = (640, 480)
 HFOV_DEG = ((1, 62.3), (2500, 40.0), (5000, 20.0), (7500, 8.0), (9999, 2.2))
@@ -82,7 +83,7 @@ class Site:
         """A box with texture whose centre the PTZ camera sees too."""
         width, height = self.rig.fisheye.size_px
         while True:
-            side = self.rng.uniform(24, 44)
+            side = self.rng.uniform(24, 40)
             x, y = self.rng.uniform((0, 0), (width - side, height - side))
             box = Box(x=float(x), y=float(y), w=float(side), h=float(side))
             rays, valid = self.rig.fisheye.lift(np.array([box.centre, *box.corners]))
@@ -102,25 +103,31 @@ class Site:
         return self._noisy(self._drawn(self.rig.lift_from_view(pixels, reading), reading))
 
     def with_copy(self, box: Box, there: float, reading: HeadReading) -> np.ndarray:
-        """The same with the region a second time, as it would look at another inverse range."""
+        """The same with two of the region, one in its place and one as it would look at another inverse range.
+
+        Both are drawn from what the fisheye sees, so that neither is the better one.
+        """
         picture = self.view(reading)
-        area = spoil.footprint(self.rig, reading, box, there)
+        here = 1.0 / self.stage.scene.truth(self.ray(box)).range_m
+        for inverse_range in (here, there):
+            self._paste(picture, box, inverse_range, reading)
+        return picture
+
+    def _paste(self, picture: np.ndarray, box: Box, inverse_range: float, reading: HeadReading) -> None:
+        area = spoil.footprint(self.rig, reading, box, inverse_range)
         if area is None:
-            return picture
+            return
         left, top = max(round(area[0]), 0), max(round(area[1]), 0)
         right, bottom = min(round(area[2]), VIEW_PX[0]), min(round(area[3]), VIEW_PX[1])
         if left >= right or top >= bottom:
-            return picture
-        seen = self.rig.lift_from_view(
-            np.stack(np.meshgrid(np.arange(left, right), np.arange(top, bottom)), axis=-1), reading
-        )
-        here, shift = 1.0 / self.stage.scene.truth(self.ray(box)).range_m, self.rig.head_from_fisheye_translation
-        along = seen @ (there * shift)
-        reach = along + np.sqrt(np.maximum(along**2 + 1.0 - there**2 * (shift @ shift), 0.0))
-        source = seen * reach[..., None] + (here - there) * shift
-        source /= np.linalg.norm(source, axis=-1, keepdims=True)
-        picture[top:bottom, left:right] = self._noisy(self._drawn(source, reading))
-        return picture
+            return
+        pixels = np.stack(np.meshgrid(np.arange(left, right), np.arange(top, bottom)), axis=-1)
+        seen, shift = self.rig.lift_from_view(pixels, reading), self.rig.head_from_fisheye_translation
+        along = seen @ (inverse_range * shift)
+        reach = along + np.sqrt(np.maximum(along**2 + 1.0 - inverse_range**2 * (shift @ shift), 0.0))
+        rays = (seen * reach[..., None] - inverse_range * shift) @ self.rig.head_from_fisheye_rotation
+        colour = self.stage.scene.sample_fisheye(rays, np.ones(rays.shape[:2], bool))
+        picture[top:bottom, left:right] = self._noisy(cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY))
 
     def other_place(self, box: Box) -> float | None:
         """Inverse range of a place elsewhere on the box's arc; None when the arc is too short."""
@@ -168,7 +175,7 @@ def lying(locks: Sequence[RangeLock]) -> list[RangeLock]:
 def trial(site: Site, box: Box, condition: str, locks: Sequence[RangeLock], other: float | None, away: Box) -> Trial:
     """One request under a condition with a map of these locks."""
     fisheye, view = site.fisheye, site.view
-    if condition == "copies":
+    if "copies" in condition:
 
         def view(reading: HeadReading) -> np.ndarray:
             return site.with_copy(box, other or 0.0, reading)
@@ -177,7 +184,7 @@ def trial(site: Site, box: Box, condition: str, locks: Sequence[RangeLock], othe
         pasted = spoil.pasted(site.clean.astype(np.float64), box, away)
         fisheye = spoil.with_noise(pasted, NOISE, np.random.default_rng(3))
     known = RangeMap(locks=lying(locks) if condition == "lying map" else list(locks))
-    config = settings(NARROW_DEG if condition == "narrow" else None)
+    config = settings(NARROW_DEG if "narrow" in condition else None)
     request = Request(rig=site.rig, config=config, fisheye=fisheye, view=view, box=box, ranges=known).run()
     truth = site.stage.scene.truth(site.ray(box)).bearing_head
     result = request.result
@@ -204,7 +211,7 @@ def rows(names: Sequence[str], tests: int, conditions: Sequence[str], log: bool)
         others = [site.other_place(box) for box in boxes]
         away = [boxes[(k + tests // 2) % tests] for k in range(tests)]
         for condition in conditions:
-            asked = [k for k in range(tests) if condition != "copies" or others[k] is not None]
+            asked = [k for k in range(tests) if "copies" not in condition or others[k] is not None]
             trials = {
                 count: [trial(site, boxes[k], condition, locks[:count], others[k], away[k]) for k in asked]
                 for count in LOCKS
@@ -276,18 +283,44 @@ def _number(value: object) -> str:
     return "–" if value is None else f"{value:.2f}"
 
 
+def summary(found: Sequence[dict[str, object]]) -> str:
+    """All scenes together, for README."""
+    lines = [["condition", *(f"{count} locks" for count in LOCKS)]]
+    for condition in CONDITIONS:
+        cells = []
+        for count in LOCKS:
+            rows_ = [each for each in found if each["condition"] == condition and each["locks"] == count]
+            cells.append(_cell(rows_))
+        lines.append([condition, *cells])
+    return report.markdown(lines)
+
+
+def _cell(rows_: Sequence[dict[str, object]]) -> str:
+    trials, first, locked, wrong = (sum(int(r[k]) for r in rows_) for k in ("trials", "first_look", "locked", "wrong"))
+    weights = [(float(r["saved_mean_s"]), int(r["locked"])) for r in rows_ if r["saved_mean_s"] is not None]
+    saved = sum(s * n for s, n in weights) / max(sum(n for _, n in weights), 1)
+    return f"first look {first} of {trials}, locked {locked}, wrong {wrong}, {saved:+.2f} s saved"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", nargs="+", default=list(SCENES))
     parser.add_argument("--conditions", nargs="+", default=list(CONDITIONS))
-    parser.add_argument("--tests", type=int, default=60)
-    parser.add_argument("--write", type=Path, metavar="FILE.md")
+    parser.add_argument("--tests", type=int, default=30)
+    parser.add_argument("--rows", type=Path, nargs="+", help="rows printed by earlier runs, in place of a run")
+    parser.add_argument("--write", action="store_true", help="into docs/accuracy.md and README")
     args = parser.parse_args()
     cv2.setNumThreads(1)
-    text = table(rows(args.scenes, args.tests, args.conditions, log=True))
-    print(text)
+    if args.rows:
+        printed = [line for path in args.rows for line in path.read_text().splitlines() if line.startswith("{")]
+        found = [json.loads(line) for line in printed]
+    else:
+        found = rows(args.scenes, args.tests, args.conditions, log=True)
+    print(table(found))
+    print(summary(found))
     if args.write:
-        args.write.write_text(text + "\n")
+        report.replace(report.PAGE, "ranges", table(found))
+        report.replace(report.README, "ranges", summary(found))
 
 
 if __name__ == "__main__":

@@ -88,6 +88,7 @@ def test_it_zooms_no_closer_than_is_allowed(rig) -> None:
 def test_with_too_little_known_the_plan_is_the_plain_one(rig, humps) -> None:
     plain, by_map, _ = planned(rig, humps, 8.0)
     assert by_map == plain
+    assert by_map.expected is None
 
 
 def test_a_place_past_the_limits_is_told_as_ever(rig) -> None:

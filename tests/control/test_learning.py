@@ -100,6 +100,9 @@ def test_the_next_request_beside_it_starts_where_the_first_one_was_found(make_wo
     assert 0 <= pixel[0] < 640
     assert 0 <= pixel[1] < 480
     assert ended(world, "b").views <= looks_before
+    told = {step.id: step.detail for step in world.of(cmd.PublishFeedback) if step.step == "plan"}
+    assert "range_expected_m" not in told["a"]
+    assert told["b"]["range_expected_m"] == pytest.approx(4.0, rel=0.02)
     assert ended(world, "b").outcome is Outcome.LOCKED
 
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ptzd.control.planning.expected import ANYWHERE_SHARE, NEAREST
-from ptzd.control.planning.ranges import HOUR_NS, MOST_LOCKS, RangeLock, RangeMap
+from ptzd.control.planning.expected import ANYWHERE_SHARE
+from ptzd.control.planning.ranges import HOUR_NS, MOST_LOCKS, NEAREST, RangeLock, RangeMap
 from ptzd.geometry.arc import EpipolarArc
 
 AHEAD = (0.0, 0.0, 1.0)

@@ -68,7 +68,7 @@ class Scan(Activity, kw_only=True, tag="scan"):
             where = "limits and outside the zones; check limits, zones" if work.zones else "limits; check limits"
             reason = f"no part of the region's epipolar arc lies within the head's {where} and range_m"
             return Over(outcome=Outcome.UNREACHABLE, reason=reason)
-        self._set_out(work, _poses(plan), plan.unreachable_in_words(metric=work.rig.metric))
+        self._set_out(work, _poses(plan), plan.unreachable_in_words(metric=work.rig.metric), plan.expected)
         return None
 
     def on_arrived(self, work: Work) -> Step:
@@ -127,13 +127,15 @@ class Scan(Activity, kw_only=True, tag="scan"):
         del work
         return self.task.request.expires_ns
 
-    def _set_out(self, work: Work, views: list[HeadReading], missing: str = "") -> None:
+    def _set_out(self, work: Work, views: list[HeadReading], missing: str = "", expected: float | None = None) -> None:
         """Begin a round: tell what it shows and what no pose can show, and send the head to its first view."""
         self.round, self.views, self.next_view, self.taken, self.matches = self.round + 1, views, 0, [], []
         detail: dict[str, object] = {"unreachable": missing} if missing else {}
         if missing:
             within = "within the head's limits and outside the zones" if work.zones else "within the head's limits"
             self.notes.append(f"no pose {within} shows {missing}")
+        if expected is not None and expected > 0.0:
+            detail["range_expected_m"] = round(1.0 / expected, 3)
         work.feedback(self.task.request.id, "plan", views=len(views), round=self.round, **detail)
         work.move(views[0])
 

@@ -18,13 +18,11 @@ from itertools import combinations
 import numpy as np
 
 from ptzd.geometry.arc import EpipolarArc
+from ptzd.geometry.sphere import cross
 from ptzd.geometry.types import Array
 
 ANYWHERE_SHARE = 0.25
 """Least share that no hump has."""
-NEAREST = 10
-REACH_RAD = math.radians(30.0)
-"""Locks further away say nothing."""
 TRUSTED_RAD = math.radians(8.0)
 """A lock this far away says half of what one in the very direction says."""
 CLOSE_RAD = math.radians(1.0)
@@ -116,7 +114,7 @@ def expect(
     weights: Array,
     baseline: float,
 ) -> Expected:
-    """What n locks say of one ray.
+    """What the n nearest locks say of one ray.
 
     Parameters
     ----------
@@ -131,21 +129,19 @@ def expect(
     baseline : float
         Between the two cameras, in the unit of the ranges.
     """
-    order = np.argsort(apart_rad, kind="stable")[:NEAREST]
-    order = order[apart_rad[order] <= REACH_RAD]
-    trust = weights[order] * np.exp2(-((apart_rad[order] / TRUSTED_RAD) ** 2))
+    trust = weights * np.exp2(-((apart_rad / TRUSTED_RAD) ** 2))
     known = (1.0 - ANYWHERE_SHARE) * -math.expm1(-2.0 * float(trust.sum()))
     if known < 1e-3:
         return Expected(humps=())
-    near, means = apart_rad[order], inverse_ranges[order]
-    nearness = weights[order] / (near * near + CLOSE_RAD * CLOSE_RAD)
+    nearness = weights / (apart_rad * apart_rad + CLOSE_RAD * CLOSE_RAD)
     shares = nearness / nearness.sum()
-    errors = np.hypot(sigmas[order], AGREE_LEAST / baseline)
-    plane = _plane(ray, rays[order], means, errors, trust / trust.sum())
+    errors = np.hypot(sigmas, AGREE_LEAST / baseline)
+    plane = _plane(ray, rays, inverse_ranges, errors, trust / trust.sum())
+    spread = np.hypot(errors, SLOPE * inverse_ranges * apart_rad)
     left = 1.0 - (0.0 if plane is None else plane.share)
     humps = [
         Hump(mean=float(mean), sigma=float(sigma), share=float(known * left * share))
-        for mean, sigma, share in zip(means, np.hypot(errors, SLOPE * means * near), shares, strict=True)
+        for mean, sigma, share in zip(inverse_ranges, spread, shares, strict=True)
     ]
     if plane is not None:
         humps.append(Hump(mean=plane.mean, sigma=plane.sigma, share=known * plane.share))
@@ -155,11 +151,14 @@ def expect(
 def _plane(ray: Array, rays: Array, means: Array, errors: Array, trust: Array) -> Hump | None:
     """Where the plane that most witnesses agree with meets the ray; its share is one of all humps."""
     triples = np.array(list(combinations(range(len(means)), 3)), dtype=np.intp).reshape(-1, 3)
-    matrices = rays[triples]
-    triples = triples[np.abs(np.linalg.det(matrices)) > FLAT]
-    if len(means) < 4 or not len(triples):
+    first, second, third = (rays[triples[:, k]] for k in range(3))
+    crossed = np.stack([cross(second, third), cross(third, first), cross(first, second)], axis=1)
+    determinant = (first * crossed[:, 0]).sum(axis=1)
+    steep = np.abs(determinant) > FLAT
+    if len(means) < 4 or not steep.any():
         return None
-    normals = np.linalg.solve(rays[triples], means[triples][:, :, None])[:, :, 0]
+    # Cramer's rule: N·P = s for each of the three
+    normals = (means[triples[steep]][:, :, None] * crossed[steep]).sum(axis=1) / determinant[steep][:, None]
     tolerance = np.hypot(AGREE_SHARE * means, errors)
     off = (normals @ rays.T - means) / tolerance
     support = (trust * np.exp(-0.5 * off * off)).sum(axis=1)

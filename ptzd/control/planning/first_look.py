@@ -46,8 +46,10 @@ def likeliest_first(plan: Plan, interval: Interval, expected: ExpectedOnArc, clo
     there = expected.likeliest()
     if there is None or expected.expected.known < LEAST_KNOWN or not plain.views:
         return plain
+    plain = replace(plain, expected=there)
     if len(plain.views) == 1:
-        return plain if plain.unreachable else _single(plan, interval, plain, there, closest_rad)
+        closer = plain if plain.unreachable else _single(plan, interval, plain, there, closest_rad)
+        return replace(closer, expected=there)
     ordered = replace(plain, views=tuple(sorted(plain.views, key=lambda view: -expected.mass(*view.s_interval))))
     aimed = _aimed(plan, plain, expected, there)
     if aimed is None:
@@ -72,7 +74,7 @@ def _single(plan: Plan, interval: Interval, plain: ScanPlan, there: float, close
 
 
 def _aimed(plan: Plan, plain: ScanPlan, expected: ExpectedOnArc, there: float) -> list[PlannedView] | None:
-    """A view aimed at the place, then those of the rest; None when the limits keep the head from it."""
+    """A view aimed at the place, then those of the rest; None where limits or zones keep the head from some of it."""
     arc, hfov_rad = expected.arc, plain.views[0].hfov_rad
     start, end = arc.angle_at([arc.s_min, arc.s_max]).tolist()
     widest = max(float(high - low) for low, high in (arc.angle_at(view.s_interval) for view in plain.views))
@@ -88,7 +90,10 @@ def _aimed(plan: Plan, plain: ScanPlan, expected: ExpectedOnArc, there: float) -
         return None
     rest = [(arc.s_min, around[0])] if low > start else []
     rest += [(around[1], arc.s_max)] if high < end else []
-    return [first.views[0], *(view for piece in rest for view in plan(piece, hfov_rad, None).views)]
+    others = [plan(piece, hfov_rad, None) for piece in rest]
+    if any(other.unreachable for other in others):
+        return None
+    return [first.views[0], *(view for other in others for view in other.views)]
 
 
 def _inverse_range(arc: EpipolarArc, angle: float, end: float, at_end: float) -> float:

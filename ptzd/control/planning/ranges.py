@@ -7,7 +7,8 @@ ages are in the daemon's steady time.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,6 +21,12 @@ MOST_LOCKS = 512
 SAME_DIRECTION_RAD = 0.02
 """Once the map is full, a new lock displaces the oldest one within about five fisheye pixels, if there is one."""
 HOUR_NS = 3_600_000_000_000
+
+
+NEAREST = 10
+"""Locks that have a say in one direction."""
+REACH_RAD = math.radians(30.0)
+"""Locks further away say nothing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,20 +93,23 @@ class RangeMap:
 
         One from a later time than this counts in full: nothing is worth more than what was just seen.
         """
-        ages_h = np.array([max(t_ns - lock.t_ns, 0) / HOUR_NS for lock in self.locks])
-        return np.asarray(np.exp2(-ages_h / half_life_h))
+        return _weights(self.locks, t_ns, half_life_h)
 
     def at(self, ray: tuple[float, float, float], t_ns: int, *, half_life_h: float, baseline: float) -> Expected:
         """What is expected along a fisheye ray, unit, at a time; the baseline is in the unit of the ranges."""
-        if not self.locks:
+        apart_rad = self._apart_rad(ray)
+        order = np.argsort(apart_rad, kind="stable")[:NEAREST]
+        order = order[apart_rad[order] <= REACH_RAD]
+        near = [self.locks[index] for index in order]
+        if not near:
             return Expected(humps=())
         return expect(
-            apart_rad=self._apart_rad(ray),
+            apart_rad=apart_rad[order],
             ray=np.array(ray),
-            rays=self._rays(),
-            inverse_ranges=np.array([lock.inverse_range for lock in self.locks]),
-            sigmas=np.array([lock.sigma for lock in self.locks]),
-            weights=self.weights(t_ns, half_life_h),
+            rays=np.array([lock.ray for lock in near]),
+            inverse_ranges=np.array([lock.inverse_range for lock in near]),
+            sigmas=np.array([lock.sigma for lock in near]),
+            weights=_weights(near, t_ns, half_life_h),
             baseline=baseline,
         )
 
@@ -110,3 +120,8 @@ class RangeMap:
         """Angles ``(n,)`` between a ray and those of the locks: by the chord, which is exact also for small ones."""
         chords = self._rays() - np.array(ray)
         return np.asarray(2.0 * np.arcsin(np.minimum(np.sqrt((chords * chords).sum(axis=1)) / 2.0, 1.0)))
+
+
+def _weights(locks: Sequence[RangeLock], t_ns: int, half_life_h: float) -> Array:
+    ages_h = np.array([max(t_ns - lock.t_ns, 0) / HOUR_NS for lock in locks])
+    return np.asarray(np.exp2(-ages_h / half_life_h))

@@ -54,6 +54,8 @@ class ScanPlan:
     """Intervals of inverse range, ascending, that no pose within the limits shows."""
     unreachable_share: float
     """Share of the arc's length in them, 0 to 1."""
+    expected: float | None = None
+    """Inverse range where a map of the scene expects the target; None: it has no say."""
 
     def unreachable_in_words(self, *, metric: bool) -> str:
         """What no pose shows, e.g. ``range 0.6 to 1.1 m, 23 % of the arc``; empty when all is reached."""
