@@ -58,6 +58,9 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep=deep)
 
 
+_NUMBERS = {"tag:yaml.org,2002:int", "tag:yaml.org,2002:float"}
+
+
 def _int(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> int:
     try:
         return loader.construct_yaml_int(node)
@@ -69,6 +72,12 @@ _Loader.yaml_implicit_resolvers = {
     first: [(tag, pattern) for tag, pattern in resolvers if tag not in {"tag:yaml.org,2002:timestamp"}]
     for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
 }
+for _first, _resolvers in _Loader.yaml_implicit_resolvers.items():
+    # 22:00 is a text, no number of base 60: as in YAML 1.2
+    _Loader.yaml_implicit_resolvers[_first] = [
+        (tag, re.compile(f"(?!.*:)(?:{pattern.pattern})", pattern.flags) if tag in _NUMBERS else pattern)
+        for tag, pattern in _resolvers
+    ]
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float",
     re.compile(r"^[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)[eE][-+]?[0-9]+$"),  # 1e-3 is a number, as in YAML 1.2

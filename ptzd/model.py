@@ -280,6 +280,26 @@ class GotoShown:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class PatrolShown:
+    """The patrol that is under way."""
+
+    patrol: str
+    place: str
+    """Where it is, goes, or goes on."""
+    phase: str
+    """``on the way``, ``there``, ``waiting`` for whatever goes before it, or ``paused``."""
+    since_ns: int
+    scheduled: bool = False
+    """The schedule began it."""
+    paused: str = ""
+    """By what."""
+    until_ns: int | None = None
+    """When it goes on to the next place; None: not there."""
+    trouble: str = ""
+    """Why the head did not get to a place, until it does."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class MatchResult:
     """What a matcher says of one region in one view."""
 

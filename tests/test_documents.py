@@ -102,6 +102,11 @@ def test_a_date_is_a_text(text):
     assert parse_mapping(text)["a"] == text[3:]
 
 
+@pytest.mark.parametrize("text", ["22:00", "6:30", "190:20:30.15", "-1:00"])
+def test_a_time_of_day_is_a_text(text):
+    assert parse_yaml(f"from: {text}") == {"from": text}
+
+
 def test_a_number_may_be_written_as_in_yaml_1_2():
     assert parse_mapping("a: 1e-3\nb: .inf\nc: 0x1F") == {"a": 0.001, "b": float("inf"), "c": 31}
 

@@ -13,7 +13,7 @@ from ptzd.app.daemon import open_fisheye
 from ptzd.app.loading import Loaded
 from ptzd.app.zone_sheet import zone_lines
 from ptzd.config import Config, HttpSource, Ptz, V4l2Source
-from ptzd.control.planning.places import reading_at
+from ptzd.control.planning.places import place_seen, reading_at
 from ptzd.control.planning.reach import reach_of
 from ptzd.control.planning.zones import zones_of
 from ptzd.devices.v4l2_list import list_devices
@@ -50,6 +50,18 @@ def check_files(loaded: Loaded) -> list[str]:
         *zone_lines(loaded),
         *_exposed_passwords(loaded.config),
     ]
+
+
+def _as_place(loaded: Loaded, reading: HeadReading) -> list[str]:
+    """Where the head looks now, as ``presets.yaml`` has it."""
+    low, high = loaded.rig.zoom.zoom_range
+    if not low <= reading.zoom <= high:
+        return []
+    here = place_seen(loaded.rig, reading)
+    angles = (
+        f"azimuth_deg: {here.azimuth_deg:.3f}, elevation_deg: {here.elevation_deg:.3f}, hfov_deg: {here.hfov_deg:.3f}"
+    )
+    return [f"ptz          as a place of presets.yaml: {{{angles}}}"]
 
 
 def _places(loaded: Loaded) -> list[str]:
@@ -101,6 +113,7 @@ async def check_cameras(loaded: Loaded, *, timing: bool) -> list[str]:
         f"ptz          limits pan {limits.pan_deg}, tilt {limits.tilt_deg}, zoom {limits.zoom}",
         f"ptz          now pan {poll.reading.pan_deg:.3f}°, tilt {poll.reading.tilt_deg:.3f}°, "
         f"zoom {poll.reading.zoom:g}, picture sharp? {_sharpness(picture.jpeg):.0f} (variance of the Laplacian)",
+        *_as_place(loaded, poll.reading),
         _size_line("ptz", picture.jpeg, rig.zoom.size_px),
         f"ptz          pose of that picture known to {view.sigma_deg:.3f}° (one sigma)",
     ]

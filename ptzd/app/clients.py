@@ -11,7 +11,7 @@ from ptzd.bus.client import Client
 from ptzd.bus.fields import BoxPx
 from ptzd.bus.known_ranges import RangeKnown, RangesReply, RangesRequest
 from ptzd.bus.messages import MESSAGES, Feedback, LeaseRequest, RoiResult, Status, schema
-from ptzd.model import GotoShown, LeaseHeld
+from ptzd.model import GotoShown, LeaseHeld, PatrolShown
 from ptzd.outgoing import MotorStatus, Pose, ShadowPose
 
 __all__ = [
@@ -26,6 +26,7 @@ __all__ = [
     "MoveReply",
     "MoveRequest",
     "PanTilt",
+    "PatrolShown",
     "PixelPtz",
     "Pose",
     "RangeKnown",

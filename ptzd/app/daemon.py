@@ -46,6 +46,7 @@ from ptzd.runtime.daemon import Daemon
 from ptzd.runtime.notify import Notifier
 from ptzd.runtime.perception import ThreadPerception
 from ptzd.runtime.privacy import PrivateFisheye, PrivateHead
+from ptzd.runtime.roster import Roster
 from ptzd.runtime.watchdog import Vital, Watchdog
 
 OPENCV_THREADS = 1
@@ -167,10 +168,14 @@ async def _life(loaded: Loaded, stop: asyncio.Event, again: asyncio.Event, ready
         book = MotorBook(motor_path(config), lambda: (machine.travel, machine.config.motor), log, clock)
         ranges = RangesBook(ranges_path(config, digest), digest, lambda: machine.ranges.locks, clock.now_ns)
         watch = Watchdog(notifier, _vitals(parts.daemon, log), lambda: str(machine.state))
+        pump = parts.daemon.pump
+        roster = Roster(lambda: pump.machine.config.presets, pump.tell)
         adopt = partial(_adopt, log, parts.daemon)
         reloader = Reloader(loaded, again, adopt, notifier)
         try:
-            await parts.daemon.run(end, follow_stop, reloader.run, drift.run, watch.run, book.run, ranges.run)
+            await parts.daemon.run(
+                end, follow_stop, reloader.run, drift.run, watch.run, roster.run, book.run, ranges.run
+            )
         finally:
             await book.keep()
             await ranges.keep()

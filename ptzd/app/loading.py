@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import msgspec
 import yaml
@@ -60,6 +61,7 @@ def load(path: Path, *, shadow: bool = False) -> Loaded:
     if shadow:
         config = msgspec.structs.replace(config, shadow=msgspec.structs.replace(config.shadow, enabled=True))
     _check_addresses(config)
+    _check_time_zone(config)
     calibration_path = Path(config.calibration)
     try:
         calibration_text = read_text(calibration_path)
@@ -172,6 +174,19 @@ def _check_addresses(config: Config) -> None:
     Address(url=config.ptz.url, setting="ptz").base()
     if isinstance(config.fisheye, HttpSource):
         Address(url=config.fisheye.url, setting="fisheye").base()
+
+
+def _check_time_zone(config: Config) -> None:
+    zone = config.presets.time_zone
+    if zone is None:
+        return
+    try:
+        ZoneInfo(zone)
+    except (ZoneInfoNotFoundError, ValueError, OSError):
+        message = (
+            f"presets: time_zone: {zone!r} is not known on this machine; write e.g. Europe/Berlin, or install tzdata"
+        )
+        raise ConfigError(message) from None
 
 
 def _anchored(config: Config, folder: Path) -> Config:

@@ -13,15 +13,15 @@ from ptzd.bus.arrivals import Arrival, Handler
 from ptzd.bus.by_hand import MoveReply
 from ptzd.bus.decode import decode
 from ptzd.bus.keys import Keys, request_id_of
-from ptzd.bus.messages import ErrorReply, LogReply, LogRequest, encoding
+from ptzd.bus.messages import ErrorReply, LeaseReply, LogReply, LogRequest, encoding
 from ptzd.bus.pending_queries import BUSY, PendingQueries
-from ptzd.bus.places import GotoReply
+from ptzd.bus.places import GotoReply, PatrolReply
 from ptzd.bus.replies import Replies
 from ptzd.bus.results import KeptResults
-from ptzd.control.commands import PublishStatus, ReplyGoto, ReplyMove
+from ptzd.control.commands import PublishStatus, ReplyGoto, ReplyLease, ReplyMove, ReplyPatrol
 from ptzd.errors import PtzdError, RequestRefused
 from ptzd.model import AUTOMATIC
-from ptzd.outgoing import ImageAttachment, Pose
+from ptzd.outgoing import ImageAttachment, Outgoing, Pose
 from ptzd.ports import Clock
 
 LogHandler = Callable[[Literal["list", "rotate"]], Awaitable[Sequence[str]]]
@@ -236,10 +236,24 @@ def _fields(status: PublishStatus) -> dict[str, object]:
         "shadow": status.shadow,
         "lease": status.lease,
         "goto": status.goto,
+        "patrol": status.patrol,
     }
 
 
-def goto_reply(reply: ReplyGoto) -> GotoReply:
+def operators_reply(reply: ReplyLease | ReplyMove | ReplyGoto | ReplyPatrol) -> Outgoing:
+    """What whoever operates the rig is answered."""
+    match reply:
+        case ReplyLease():
+            return LeaseReply(lease=reply.lease)
+        case ReplyGoto():
+            return _goto_reply(reply)
+        case ReplyPatrol():
+            return PatrolReply(patrol=reply.patrol)
+        case _:
+            return _move_reply(reply)
+
+
+def _goto_reply(reply: ReplyGoto) -> GotoReply:
     """The head is there, as the bus tells it."""
     pose = reply.pose
     return GotoReply(
@@ -247,7 +261,7 @@ def goto_reply(reply: ReplyGoto) -> GotoReply:
     )
 
 
-def move_shown(move: ReplyMove) -> MoveReply:
+def _move_reply(move: ReplyMove) -> MoveReply:
     """What a hand does, as the bus tells it."""
     if (lens := move.lens) is not None:
         return MoveReply(focus=_said(lens.focus), iris=_said(lens.iris))

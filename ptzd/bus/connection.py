@@ -16,12 +16,14 @@ from ptzd.bus.keys import ANY_RIG, Keys, check_id
 from ptzd.bus.known_ranges import RangesReply, RangesRequest
 from ptzd.bus.leasing import KeptLease, keep
 from ptzd.bus.messages import ControlReply, Empty, LeaseReply, LeaseRequest
-from ptzd.bus.places import GotoReply, GotoRequest
+from ptzd.bus.places import GotoReply, GotoRequest, PatrolReply, PatrolRequest
 from ptzd.bus.session import client_config, close_session, open_session
 from ptzd.errors import BusError, RequestRefused
+from ptzd.model import PatrolShown
 
 GOTO_WAIT_S = 32.0
 """The rig answers within 30 s: the slowest head needs 15."""
+PatrolWish = Literal["start", "pause", "resume", "stop"]
 Verb = Literal["home", "stop", "hold", "release"]
 
 
@@ -179,6 +181,26 @@ class OperatedConnection(Connection):
         check_ranges(decode(msgspec.json.encode(asked), RangesRequest))
         key = (await self._keys()).full("control/ranges")
         return await ask_one(self._session, key, RangesReply, self._timeout_s, asked)
+
+    async def patrol(self, wish: PatrolWish, patrol: str = "") -> PatrolShown | None:
+        """Begin a patrol, let it rest, go on or end; returns how it stands then, None when none is under way.
+
+        Parameters
+        ----------
+        wish : str
+            ``start``, ``pause``, ``resume`` or ``stop``.
+        patrol : str
+            Which one begins, as in ``presets.yaml``; the other wishes may name the one that is meant.
+
+        Raises
+        ------
+        RequestRefused
+            ``unknown_patrol`` with the nearest names, ``unreachable`` with the place, ``no_patrol``.
+        """
+        request = PatrolRequest(wish=wish, patrol=patrol)
+        decode(msgspec.json.encode(request), PatrolRequest)
+        key = (await self._keys()).full("control/patrol")
+        return (await ask_one(self._session, key, PatrolReply, self._timeout_s, request)).patrol
 
     async def move(self, request: MoveRequest) -> MoveReply:
         """One move of whoever has the lease; `KeptLease` has a method for each kind."""

@@ -14,6 +14,7 @@ from ptzd.bus.decode import (
     goto_event,
     lease_event,
     move_event,
+    patrol_event,
     ranges_event,
     refused,
     request_event,
@@ -25,7 +26,16 @@ from ptzd.bus.keys import Keys, request_id_of
 from ptzd.bus.messages import Empty
 from ptzd.bus.pending_queries import BUSY, PendingQueries
 from ptzd.bus.replies import Replies
-from ptzd.control.events import CancelReceived, ControlReceived, Event, GotoAsked, PayloadRefused, RequestReceived, Verb
+from ptzd.control.events import (
+    CancelReceived,
+    ControlReceived,
+    Event,
+    GotoAsked,
+    PatrolAsked,
+    PayloadRefused,
+    RequestReceived,
+    Verb,
+)
 from ptzd.errors import RequestRefused
 
 OVERTAKEN = RequestRefused("stopped", "an operator's stop or home came before this request was taken up; ask again")
@@ -124,6 +134,10 @@ class CoreHandlers:
         """``control/goto``: a query or a put."""
         self._on_person(arrival, "control/goto", goto_event, within_s=GOTO_WITHIN_S)
 
+    def on_patrol(self, arrival: Arrival) -> None:
+        """``control/patrol``: a query or a put."""
+        self._on_person(arrival, "control/patrol", patrol_event)
+
     def _on_person(
         self, arrival: Arrival, key: str, read: Callable[[bytes, int | None], Event], within_s: float | None = None
     ) -> None:
@@ -133,7 +147,7 @@ class CoreHandlers:
         token = self._token(arrival, self._keys.full(key), within_s)
         if arrival.query is None or token is not None:
             event = _too_large(arrival) or read(arrival.payload, token)
-            if isinstance(event, GotoAsked) and arrival.t_ns <= self._halted_ns:
+            if isinstance(event, GotoAsked | PatrolAsked) and arrival.t_ns <= self._halted_ns:
                 event = refused(OVERTAKEN, token, None)
             self._offer(event, token)
 

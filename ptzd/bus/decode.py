@@ -19,13 +19,15 @@ from ptzd.bus.fields import BoxPx
 from ptzd.bus.keys import is_id
 from ptzd.bus.known_ranges import RangesRequest
 from ptzd.bus.messages import FrameName, LeaseRequest, RangeM, RoiRequest, RoiUpdate, ZoomTo
-from ptzd.bus.places import GotoRequest
+from ptzd.bus.places import GotoRequest, PatrolRequest
 from ptzd.control.events import (
     GotoAsked,
     LeaseAsked,
     LeaseWish,
     MoveAsked,
     MoveWish,
+    PatrolAsked,
+    PatrolWish,
     PayloadRefused,
     RangesAsked,
     RequestReceived,
@@ -237,6 +239,16 @@ def goto_event(payload: bytes, token: int | None) -> GotoAsked | PayloadRefused:
         named = RequestRefused(error.code, f"goto: {error.message}", error.field)
         return refused(named, token, None)
     return GotoAsked(token=token, place=asked.place, by=asked.by, hold_s=asked.hold_s)
+
+
+def patrol_event(payload: bytes, token: int | None) -> PatrolAsked | PayloadRefused:
+    """What came in on ``control/patrol``."""
+    try:
+        asked = decode(payload, PatrolRequest)
+    except RequestRefused as error:
+        named = RequestRefused(error.code, f"patrol: {error.message}", error.field)
+        return refused(named, token, None)
+    return PatrolAsked(token=token, wish=PatrolWish(asked.wish), patrol=asked.patrol)
 
 
 def refused(

@@ -13,10 +13,13 @@ from ptzd.control.events import (
     GotoAsked,
     LeaseAsked,
     MoveAsked,
+    PatrolAsked,
     RequestReceived,
     UpdateReceived,
 )
 
+Moving = RequestReceived | GotoAsked | PatrolAsked
+"""What moves the head when it is taken up."""
 REQUESTS = 64
 """Most requests and refusals waiting for the core."""
 URGENT = 64
@@ -75,10 +78,10 @@ class EventQueue:
                 return
             self._changed.clear()
 
-    def withdraw_requests(self) -> list[RequestReceived | GotoAsked]:
+    def withdraw_requests(self) -> list[Moving]:
         """Take out what waits and would move the head, e.g. because an operator's stop overtakes it."""
-        taken = [event for event in self._events if isinstance(event, RequestReceived | GotoAsked)]
-        self._events = deque(event for event in self._events if not isinstance(event, RequestReceived | GotoAsked))
+        taken = [event for event in self._events if isinstance(event, Moving)]
+        self._events = deque(event for event in self._events if not isinstance(event, Moving))
         return taken
 
     def _withdraw_update(self, request_id: str) -> None:

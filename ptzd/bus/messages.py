@@ -28,9 +28,9 @@ from ptzd.bus.fields import (
     Timeout,
 )
 from ptzd.bus.known_ranges import RangesReply, RangesRequest
-from ptzd.bus.places import GotoReply, GotoRequest
+from ptzd.bus.places import GotoReply, GotoRequest, PatrolReply, PatrolRequest
 from ptzd.errors import RequestRefused
-from ptzd.model import FrameRef, GotoShown, LeaseHeld, Outcome, Result
+from ptzd.model import FrameRef, GotoShown, LeaseHeld, Outcome, PatrolShown, Result
 from ptzd.outgoing import ImageAttachment, MotorStatus, Outgoing, Pose
 
 VERSION = "v1"
@@ -240,6 +240,8 @@ class Status(Outgoing, frozen=True):
     """What is decided moves nothing."""
     goto: GotoShown | None = None
     """Where an operator sent it."""
+    patrol: PatrolShown | None = None
+    """The one under way."""
     devices: Document = msgspec.field(default_factory=dict)
     motor: MotorStatus | None = None
     pose: Pose | None = None
@@ -264,7 +266,7 @@ MESSAGES: dict[str, type[Struct]] = {
     for message in (
         RoiRequest, RoiUpdate, LeaseRequest, MoveRequest, RangesRequest, Empty, LogRequest, Accepted, ErrorReply,
         Feedback, RoiResult, CancelReply, ControlReply, UpdateReply, LeaseReply, MoveReply, RangesReply, LogReply, Pose,
-        Status, Calibration, ImageAttachment, GotoRequest, GotoReply,
+        Status, Calibration, ImageAttachment, GotoRequest, GotoReply, PatrolRequest, PatrolReply,
     )
 }  # fmt: skip
 

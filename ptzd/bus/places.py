@@ -1,4 +1,4 @@
-"""Messages of named places."""
+"""Messages of named places and patrols."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from ptzd.bus.fields import END, Id, Incoming, Seconds
+from ptzd.model import PatrolShown
 from ptzd.outgoing import Outgoing
 
 PlaceName = Annotated[
@@ -38,3 +39,18 @@ class GotoReply(Outgoing, frozen=True):
     tilt_deg: float
     zoom: float
     hfov_deg: float
+
+
+class PatrolRequest(Incoming, frozen=True):
+    """Begin a patrol, let it rest, go on, or end."""
+
+    wish: Literal["start", "pause", "resume", "stop"] = "start"
+    patrol: PlaceName | Literal[""] = ""
+    """Which one begins; the other wishes may name the one that is meant."""
+
+
+class PatrolReply(Outgoing, frozen=True):
+    """How the patrol stands now."""
+
+    patrol: PatrolShown | None = None
+    """None: none is under way."""

@@ -12,10 +12,10 @@ from typing import Self, cast
 import msgspec
 import zenoh
 
-from ptzd.bus.answers import Answers, ImageHandler, LogHandler, goto_reply, move_shown
+from ptzd.bus.answers import Answers, ImageHandler, LogHandler, operators_reply
 from ptzd.bus.arrivals import Arrivals
 from ptzd.bus.core_handlers import CoreHandlers
-from ptzd.bus.event_queue import EventQueue
+from ptzd.bus.event_queue import EventQueue, Moving
 from ptzd.bus.fields import Plain
 from ptzd.bus.images import ImagePublisher
 from ptzd.bus.keys import IMAGE_KEYS, Keys
@@ -26,7 +26,6 @@ from ptzd.bus.messages import (
     ControlReply,
     ErrorReply,
     Feedback,
-    LeaseReply,
     LogReference,
     RoiResult,
     UpdateReply,
@@ -47,15 +46,14 @@ from ptzd.control.commands import (
     ReplyLease,
     ReplyMove,
     ReplyOutcome,
+    ReplyPatrol,
     ReplyRanges,
     ReplyRefused,
 )
 from ptzd.control.events import (
     CancelReceived,
     Event,
-    GotoAsked,
     PayloadRefused,
-    RequestReceived,
     UpdateReceived,
     Verb,
 )
@@ -188,12 +186,8 @@ class ZenohBus:
                 leaf = (self._pending.key_of(command.token) or "").rpartition("/")[2]
                 outcome = {"cancel": CancelReply, "update": UpdateReply}.get(leaf, ControlReply)
                 self._pending.reply(command.token, outcome(outcome=command.outcome))
-            case ReplyLease():
-                self._pending.reply(command.token, LeaseReply(lease=command.lease))
-            case ReplyMove():
-                self._pending.reply(command.token, move_shown(command))
-            case ReplyGoto():
-                self._pending.reply(command.token, goto_reply(command))
+            case ReplyLease() | ReplyMove() | ReplyGoto() | ReplyPatrol():
+                self._pending.reply(command.token, operators_reply(command))
             case ReplyRanges():
                 reply = RangesReply.of(command, self._clock.now_ns(), metric=self._metric)
                 self._pending.reply(command.token, reply)
@@ -259,6 +253,7 @@ class ZenohBus:
                 declare(keys.full(f"control/{verb}"), self._core_handlers.on_control(verb))
         for declare in (requests.answer, requests.listen):
             declare(keys.full("control/goto"), self._core_handlers.on_goto)
+            declare(keys.full("control/patrol"), self._core_handlers.on_patrol)
             declare(keys.full("control/ranges"), self._core_handlers.on_ranges)
         requests.answer(keys.full("roi"), self._core_handlers.on_request)
         requests.listen(keys.full("roi"), self._core_handlers.on_request)
@@ -275,7 +270,7 @@ class ZenohBus:
 
     def _still_wanted(self, event: Event) -> bool:
         """An event whose query was told ``internal`` must not take effect any more; an operator's verb always does."""
-        if isinstance(event, RequestReceived | PayloadRefused | UpdateReceived | CancelReceived | GotoAsked):
+        if isinstance(event, Moving | PayloadRefused | UpdateReceived | CancelReceived):
             return event.token is None or self._pending.waits(event.token)
         return True
 

@@ -17,6 +17,7 @@ from ptzd.app.clients import (
     LeaseHeld,
     LeaseRequest,
     MotorStatus,
+    PatrolShown,
     Pose,
     RoiResult,
     ShadowPose,
@@ -126,6 +127,8 @@ def status(arguments: argparse.Namespace) -> int:
             console.print(f"lease     {_said(held_in_words(now.lease))}")
         if now.goto is not None:
             console.print(f"goto      {_said(goto_in_words(now.goto))}")
+        if now.patrol is not None:
+            console.print(f"patrol    {_said(patrol_in_words(now.patrol))}")
         console.print(f"fisheye   {_said(now.fisheye)}")
         console.print(f"ptz       {_said(now.ptz)}")
         if now.pose is not None:
@@ -189,6 +192,19 @@ def goto_in_words(goto: GotoShown) -> str:
         return f"on the way to {goto.place}{by}"
     until = "" if goto.until_ns is None else f" until {clock_time(goto.until_ns)}"
     return f"at {goto.place}{until}{by}"
+
+
+def patrol_in_words(patrol: PatrolShown) -> str:
+    """How a patrol stands, for a person."""
+    words = {
+        "on the way": f"on the way to {patrol.place}",
+        "there": f"at {patrol.place}" + ("" if patrol.until_ns is None else f" until {clock_time(patrol.until_ns)}"),
+        "waiting": f"waits, goes on at {patrol.place}",
+        "paused": f"paused ({patrol.paused}), goes on at {patrol.place}",
+    }
+    schedule = " (by the schedule)" if patrol.scheduled else ""
+    trouble = f"; {patrol.trouble}" if patrol.trouble else ""
+    return f"{patrol.patrol}{schedule}: {words.get(patrol.phase, patrol.phase)}{trouble}"
 
 
 def watch(arguments: argparse.Namespace) -> int:

@@ -156,11 +156,19 @@ def _add_bus_commands(commands: argparse._SubParsersAction[_Parser]) -> None:
     move.add_argument("--for", type=float, dest="for_s", default=1.0, metavar="S", help="how long to keep the speed")
     move.add_argument("--hfov", type=float, metavar="DEG", help="zoom until the picture is so wide")
     move.set_defaults(run=by_hand.move)
+    _add_place_commands(commands, common)
+
+
+def _add_place_commands(commands: argparse._SubParsersAction[_Parser], common: _Parser) -> None:
     goto = commands.add_parser("goto", parents=[common], help="send the head to a named place of presets.yaml")
     goto.add_argument("place")
     goto.add_argument("--hold", type=float, metavar="S", help="stay there so long before what waits goes on")
     goto.add_argument("--by", default="", metavar="OWNER", help="who asks; with a lease its owner alone may")
     goto.set_defaults(run=places.goto)
+    patrol = commands.add_parser("patrol", parents=[common], help="from place to place, behind all else")
+    patrol.add_argument("wish", choices=("start", "pause", "resume", "stop"))
+    patrol.add_argument("patrol", nargs="?", default="", help="its name in presets.yaml; needed to start it")
+    patrol.set_defaults(run=places.patrol)
     _add_ranges(commands, common)
     cancel = commands.add_parser("cancel", parents=[common], help="take a request back")
     cancel.add_argument("id")

@@ -1,11 +1,11 @@
-"""`ptzd goto`: the head sent to a named place."""
+"""`ptzd goto` and `ptzd patrol`: the head sent to named places."""
 
 from __future__ import annotations
 
 import argparse
 
 from ptzd.app.clients import Client
-from ptzd.cli.asking import print_json, with_client
+from ptzd.cli.asking import patrol_in_words, print_json, with_client
 from ptzd.plain import plain
 
 
@@ -19,6 +19,20 @@ def goto(arguments: argparse.Namespace) -> int:
         else:
             where = f"pan {reply.pan_deg:.2f}°, tilt {reply.tilt_deg:.2f}°, {reply.hfov_deg:.1f}° wide"
             print(plain(f"{reply.place}: there: {where}"))
+        return 0
+
+    return with_client(arguments, work)
+
+
+def patrol(arguments: argparse.Namespace) -> int:
+    """Begin a patrol, let it rest, go on or end; says how it stands then."""
+
+    async def work(client: Client) -> int:
+        told = await client.patrol(arguments.wish, arguments.patrol)
+        if arguments.json:
+            print_json(told)
+        else:
+            print(plain("no patrol is under way" if told is None else patrol_in_words(told)))
         return 0
 
     return with_client(arguments, work)

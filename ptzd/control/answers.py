@@ -92,8 +92,11 @@ class Answers:
         if memory.holder is not None and self.authority.stop_under_way is None:
             self.authority.apply(memory.holder.activity.on_time(self.work))
         self.authority.expire()
-        if memory.holder is None:
-            self.authority.take_next()  # what waited for the motor's budget
+        patrol_ns = self.authority.patrol_ns
+        if patrol_ns is not None and t_ns >= patrol_ns:
+            self.authority.wake_patrol()
+        if memory.holder is None or patrol_ns is not None:
+            self.authority.take_next()  # what waited for quiet, or for the motor's budget
         homing_ns = self.authority.homing_ns
         if homing_ns is not None and t_ns >= homing_ns:
             self.authority.go_home()
@@ -108,6 +111,7 @@ class Answers:
             *(request.expires_ns for request in memory.waiting),
             None if memory.holder is None else memory.holder.activity.wakes_ns(self.work),
             self.authority.homing_ns,
+            self.authority.patrol_ns,
             self.authority.lease_ends_ns,
             self.authority.budget_frees_ns,
         ]

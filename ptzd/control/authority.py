@@ -10,6 +10,7 @@ from ptzd.control.activities.goto import Goto
 from ptzd.control.activities.home import Home, is_there
 from ptzd.control.activities.lock import Lock
 from ptzd.control.activities.manual import Manual
+from ptzd.control.activities.patrol import Patrol
 from ptzd.control.activities.scan import Scan
 from ptzd.control.activities.stop import Stop
 from ptzd.control.desk import Desk
@@ -85,6 +86,8 @@ class Authority:
                 self.desk.end_served(holder, over)
             elif isinstance(holder.activity, Goto):
                 self.desk.end_goto(holder.activity, over)
+            elif isinstance(holder.activity, Patrol):
+                self.desk.end_patrol(over)
             if not (isinstance(holder.activity, Manual) and holder.activity.stays):
                 self.plan_homing()
         if over.stop or in_motion:
@@ -108,12 +111,67 @@ class Authority:
         if self.memory.holder is not None and isinstance(self.memory.holder.activity, Goto):
             self.end(over)
 
+    def rest_patrol(self, *, paused: str = "", from_ns: int | None = None, still: bool = False) -> None:
+        """Take the head from a patrol, which waits where it was.
+
+        Until nothing goes before it, until ``from_ns`` where that is given, or, ``paused`` by something, until a person
+        lets it go on. With ``still`` a head that is under way for it stops.
+        """
+        holder, in_motion = self.memory.holder, self._moves_for_patrol
+        if holder is not None and isinstance(holder.activity, Patrol):
+            self.work.abandon()
+            self.memory.holder = None
+            self._keep(holder)
+        claim, patrol = self.memory.patrol_claim, self.memory.patrol
+        if claim is not None and patrol is not None:
+            claim.from_ns = claim.from_ns if from_ns is None else from_ns
+            patrol.paused = paused or patrol.paused
+        if still and in_motion:
+            self.stop()
+
+    def wake_patrol(self) -> None:
+        """A patrol that waits for quiet goes on as soon as nothing goes before it."""
+        claim = self.memory.patrol_claim
+        if claim is not None:
+            claim.from_ns = None
+
+    def end_patrol(self) -> None:
+        """There is no patrol any more; a head that is under way for it stops, and goes home after a while."""
+        in_motion, had_the_head = self._moves_for_patrol, self.memory.holder is self.memory.patrol_claim
+        self.rest_patrol()
+        claim = self.memory.patrol_claim
+        if claim is None:
+            return
+        self.memory.claims.remove(claim)
+        if had_the_head:
+            self.plan_homing()
+        if in_motion:
+            self.stop()
+
+    @property
+    def patrol_ns(self) -> int | None:
+        """When a patrol that waits for quiet may go on."""
+        claim = self.memory.patrol_claim
+        return None if claim is None or not self.memory.serving else claim.from_ns
+
+    @property
+    def _moves_for_patrol(self) -> bool:
+        holder = self.memory.holder
+        return holder is not None and isinstance(holder.activity, Patrol) and self.work.head.asked is not None
+
+    def _keep(self, claim: Claim) -> None:
+        """A patrol that something goes before waits for its turn."""
+        if isinstance(claim.activity, Patrol):
+            claim.activity.set_aside(self.work)
+            self.insert(claim)
+
     def end_all(self, outcome: Outcome, reason: str) -> None:
         """Give every request its result; the head stays where it is, but for a stop under way.
 
         Whoever has it for himself keeps it.
         """
         self.set_lease_aside()
+        self.rest_patrol(paused=reason)
         if self.stop_under_way is None:
             self.end(Over(outcome=outcome, reason=reason))
         self.end_goto(outcome, reason)
@@ -187,6 +245,7 @@ class Authority:
     def stop(self, token: int | None = None) -> None:
         """Stop the head: that outranks everything, and nothing begins before the camera has confirmed it."""
         self.set_lease_aside()
+        self.rest_patrol()
         activity = self.stop_under_way or Stop()
         activity.begin(self.work)
         if token is not None:
@@ -222,14 +281,14 @@ class Authority:
             self._begin(Claim(owner="home", rank=Rank.HOME, activity=Home()))
 
     def _next(self) -> Claim | None:
-        """What begins now: the first that waits for its turn alone, when nothing but the way home has the head."""
-        memory = self.memory
-        taken = memory.holder is not None and memory.holder.rank > Rank.HOME
-        if taken or not memory.serving or memory.stopping:
+        """What begins now: the first that waits for its turn alone, when nothing that goes before it has the head."""
+        memory, holder = self.memory, self.memory.holder
+        first = next((claim for claim in memory.claims if claim.ready and not self._spent(claim)), None)
+        if first is None or not memory.serving or memory.stopping:
             return None
-        first = next((claim for claim in memory.claims if claim.from_ns is None and not self._spent(claim)), None)
-        kept = self.work.head.held and first is not None and first.rank < Rank.GOTO
-        return None if kept else first
+        taken = holder is not None and (holder.rank >= Rank.REQUEST or holder.rank >= first.rank)
+        kept = self.work.head.held and first.rank < Rank.GOTO
+        return None if taken or kept else first
 
     def _spent(self, claim: Claim) -> Spent | None:
         """The motor's budget that keeps a claim waiting."""
@@ -240,7 +299,7 @@ class Authority:
         """When something that waits for the motor's budget may begin, if nothing comes between."""
         if self.memory.holder is not None or not self.memory.serving:
             return None
-        waits = [self._spent(claim) for claim in self.memory.claims if claim.from_ns is None]
+        waits = [self._spent(claim) for claim in self.memory.claims if claim.ready]
         return min((found.frees_ns for found in waits if found is not None), default=None)
 
     def insert(self, claim: Claim, *, first: bool = False) -> None:
@@ -265,8 +324,13 @@ class Authority:
                 self.desk.end_served(claim, step)
             elif isinstance(claim.activity, Goto):
                 self.desk.end_goto(claim.activity, step)
-        elif claim.rank > Rank.HOME:
+            elif isinstance(claim.activity, Patrol):
+                self.desk.end_patrol(step)
+            return
+        if claim.rank > Rank.HOME:
             self.forget_homing()
+        if before is not None:
+            self._keep(before)
 
     def tell_refusals(self) -> None:
         """A move that was asked for outside of a step, and that a zone did not let be made, is told all the same."""

@@ -18,6 +18,7 @@ from ptzd.model import (
     LeaseHeld,
     Lens,
     Matcher,
+    PatrolShown,
     Region,
     Result,
     ViewRef,
@@ -201,6 +202,15 @@ class ReplyRanges(Command):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ReplyPatrol(Command):
+    """Answer a word on the patrol."""
+
+    token: int
+    patrol: PatrolShown | None
+    """As it stands now; None: none is under way."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PublishFeedback(Command):
     """One step of a request, for ``roi/<id>/feedback`` and the log."""
 
@@ -235,6 +245,8 @@ class PublishStatus(Command):
     """What is decided moves nothing."""
     goto: GotoShown | None = None
     """Where an operator sent it."""
+    patrol: PatrolShown | None = None
+    """The one under way."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

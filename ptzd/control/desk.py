@@ -202,6 +202,10 @@ class Desk:
             code = Outcome.UNREACHABLE if over.outcome is None else over.outcome
             self.refuse_verb(goto.token, RequestRefused(code.value, over.reason, "$.place"))
 
+    def end_patrol(self, over: Over) -> None:
+        """Nobody waits for the end of a patrol; the journal tells why it came."""
+        self.refuse_verb(None, RequestRefused("patrol_over", over.reason, "$.patrol"))
+
     def reply(self, token: int | None, outcome: str) -> None:
         """Answer a query that somebody waits for."""
         if token is not None:

@@ -49,6 +49,15 @@ class MoveWish(StrEnum):
     LENS = "lens"
 
 
+class PatrolWish(StrEnum):
+    """What a person wants of the patrol."""
+
+    START = "start"
+    PAUSE = "pause"
+    RESUME = "resume"
+    STOP = "stop"
+
+
 class ZoomWish(StrEnum):
     """How far to zoom: by the share of the frame, not at all, or to a given field of view."""
 
@@ -193,6 +202,27 @@ class RangesAsked(Event):
     forget_box: Box | None = None
     """What lies in this rectangle of the fisheye's picture, px."""
     forget_all: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PatrolAsked(Event):
+    """A person begins a patrol, lets it rest, go on, or end."""
+
+    token: int | None
+    """Names the query to answer; None for a put."""
+    wish: PatrolWish
+    patrol: str = ""
+    """Which one begins; the others may name the one that is under way."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PatrolDue(Event):
+    """By the clock of the rig's time zone another patrol is due, or none any more."""
+
+    patrol: str
+    """Empty: none."""
+    since: str
+    """When its window of the schedule began, as UTC; empty: none. Names the window."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

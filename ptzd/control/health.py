@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from ptzd.control import events as ev
 from ptzd.control.authority import Authority
 from ptzd.control.memory import Memory
-from ptzd.control.work import Work
+from ptzd.control.work import Work, seconds
 from ptzd.model import Motion, Outcome
 
 WELL = "well"
@@ -50,6 +50,7 @@ class Health:
         """Somebody else moves the head: it is left to them."""
         self.work.head.reading, self.work.head.span = event.reading, None
         self.authority.leave_home()
+        self.authority.rest_patrol(from_ns=self.work.t_ns + seconds(self.work.config.presets.quiet_s))
         self.authority.end_request(Outcome.PREEMPTED, "somebody else moves the camera")
         self.authority.end_goto(Outcome.PREEMPTED, "somebody else moves the camera")
         self.authority.forget_homing()
@@ -61,6 +62,7 @@ class Health:
         self.authority.end_goto(Outcome.DEVICE_LOST, f"{event.device}: {event.reason}")
         self.authority.leave_home()
         self.authority.set_lease_aside()
+        self.authority.rest_patrol()
         self.work.abandon()
         memory.serving = False
         if event.device is ev.Device.FISHEYE:

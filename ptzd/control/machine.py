@@ -21,6 +21,7 @@ from ptzd.control.memory import Memory
 from ptzd.control.motor import Travel
 from ptzd.control.moves import Moves
 from ptzd.control.operator import Operator
+from ptzd.control.patrols import Patrols
 from ptzd.control.planning.ranges import RangeMap
 from ptzd.control.reception import Reception
 from ptzd.control.states import TRANSITIONS, ImpossibleEvent, State
@@ -49,6 +50,7 @@ class Machine:
         reception = Reception(memory=memory, desk=desk, authority=authority)
         self._answers = answers = Answers(memory=memory, work=work, desk=desk, authority=authority)
         leases = Leases(memory=memory, work=work, desk=desk, authority=authority)
+        patrols = Patrols(memory=memory, work=work, desk=desk, authority=authority)
         self._handlers: dict[type[ev.Event], Callable[[Any], None]] = {
             ev.RequestReceived: reception.on_request,
             ev.PayloadRefused: desk.refuse_payload,
@@ -59,6 +61,8 @@ class Machine:
             ev.MoveAsked: Moves(memory=memory, work=work, leases=leases, authority=authority).on_asked,
             ev.GotoAsked: Gotos(memory=memory, work=work, desk=desk, authority=authority).on_asked,
             ev.RangesAsked: Lessons(work=work).on_asked,
+            ev.PatrolAsked: patrols.on_asked,
+            ev.PatrolDue: patrols.on_due,
             ev.FrameArrived: health.on_frame,
             ev.HeadReady: health.on_head_ready,
             ev.DeviceLost: health.on_lost,

@@ -8,6 +8,7 @@ from ptzd.control.activities.goto import Goto
 from ptzd.control.activities.home import Home
 from ptzd.control.activities.lock import Lock
 from ptzd.control.activities.manual import Manual
+from ptzd.control.activities.patrol import Patrol
 from ptzd.control.activities.scan import Scan
 from ptzd.control.activities.stop import Stop
 from ptzd.control.commands import PublishStatus
@@ -15,9 +16,9 @@ from ptzd.control.head_state import HeadState
 from ptzd.control.planning.ranges import RangeMap
 from ptzd.control.requests import Request, Task
 from ptzd.control.states import State
-from ptzd.model import FrameRef
+from ptzd.model import FrameRef, PatrolShown
 
-AnyActivity = Scan | Lock | Home | Stop | Manual | Goto
+AnyActivity = Scan | Lock | Home | Stop | Manual | Goto | Patrol
 """Every kind there is: a snapshot tells them apart by their tag."""
 
 
@@ -31,6 +32,11 @@ class Claim:
     activity: AnyActivity
     from_ns: int | None = None
     """Not before then; None: as soon as it may."""
+
+    @property
+    def ready(self) -> bool:
+        """Whether it may have the head as soon as nothing goes before it."""
+        return self.from_ns is None and not (isinstance(self.activity, Patrol) and self.activity.paused)
 
     @property
     def task(self) -> Task | None:
@@ -72,6 +78,8 @@ class Memory:
     """Puts that were refused: apart, so that a flood of them lets no request's end be forgotten."""
     ranges: RangeMap = field(default_factory=RangeMap)
     """How far away things are, as confirmed locks have taught."""
+    due_since: str = ""
+    """Names the window of the schedule that is due; empty: none is."""
     published: PublishStatus | None = None
     """The status that was told last."""
 
@@ -101,6 +109,24 @@ class Memory:
         claims = self.claims if self.holder is None else [self.holder, *self.claims]
         return next((claim.activity for claim in claims if isinstance(claim.activity, Goto)), None)
 
+    @property
+    def patrol_claim(self) -> Claim | None:
+        """The patrol that has the head or waits for it."""
+        claims = self.claims if self.holder is None else [self.holder, *self.claims]
+        return next((claim for claim in claims if isinstance(claim.activity, Patrol)), None)
+
+    @property
+    def patrol(self) -> Patrol | None:
+        """The patrol that is under way."""
+        claim = self.patrol_claim
+        return claim.activity if claim is not None and isinstance(claim.activity, Patrol) else None
+
+    @property
+    def patrol_shown(self) -> PatrolShown | None:
+        """As others see it."""
+        patrol, holder = self.patrol, self.holder
+        return None if patrol is None else patrol.shown(has_the_head=holder is not None and holder.activity is patrol)
+
     def status(self, *, shadow: bool) -> PublishStatus:
         """The state as others see it; ``shadow``: nothing that is decided moves the camera."""
         return PublishStatus(
@@ -114,6 +140,7 @@ class Memory:
             lease=None if self.lease is None else self.lease.shown(),
             shadow=shadow,
             goto=None if self.goto is None else self.goto.shown(held=self.head.held),
+            patrol=self.patrol_shown,
         )
 
     @property

@@ -32,6 +32,7 @@ class Operator:
         if event.verb is ev.Verb.HOLD:
             self.work.head.held = True
             self.authority.forget_homing()
+            self.authority.rest_patrol(still=True)
             self.desk.reply(event.token, event.verb)
         elif event.verb is ev.Verb.RELEASE:
             self._release()
@@ -61,6 +62,7 @@ class Operator:
         self.authority.end_lease(Over(reason=event.reason))
         for lens in list(self.work.head.lenses):
             self.work.lens_over(lens.id, event.reason)
+        self.authority.end_patrol()
         self.authority.forget_homing()
         self.memory.stopping = True
         if self.memory.ptz == WELL:
@@ -83,6 +85,7 @@ class Operator:
             ev.CancelReceived
             | ev.ControlReceived
             | ev.GotoAsked
+            | ev.PatrolAsked
             | ev.LeaseAsked
             | ev.MoveAsked
             | ev.RangesAsked

@@ -19,6 +19,7 @@ class Rank(IntEnum):
     """
 
     HOME = 0
+    PATROL = 10
     REQUEST = 20
     GOTO = 30
     LEASE = 40
@@ -37,6 +38,7 @@ def rank_mermaid() -> str:
         ("lease", Rank.LEASE + PEOPLE, f"a person with a lease, by rank ({Rank.LEASE}…)"),
         ("goto", Rank.GOTO, "a named place that an operator sent the head to"),
         ("request", Rank.REQUEST + PRIORITIES, f"requests, by priority ({Rank.REQUEST}…)"),
+        ("patrol", Rank.PATROL, "a patrol"),
         ("home", Rank.HOME, "the way home"),
     )
     lines = ["flowchart TD"]

@@ -22,6 +22,7 @@ class State(StrEnum):
     HOME = "HOME"
     MANUAL = "MANUAL"
     GOTO = "GOTO"
+    PATROL = "PATROL"
     FAULT = "FAULT"
     STOPPED = "STOPPED"
 
@@ -45,12 +46,12 @@ class ImpossibleEvent(Exception):
 
 WORKING = frozenset({State.SCAN, State.MATCH, State.LOCK})
 """A request is active exactly in these."""
-SERVING = frozenset({State.IDLE, State.HOME, State.MANUAL, State.GOTO}) | WORKING
+SERVING = frozenset({State.IDLE, State.HOME, State.MANUAL, State.GOTO, State.PATROL}) | WORKING
 """Both devices are well exactly in these."""
 LIVING = SERVING | {State.STARTING, State.FAULT}
 
-_NEXT_REQUEST = frozenset({State.IDLE, State.SCAN, State.MANUAL})
-"""After a request ended: the next one of the queue starts, a person goes on by hand, or nothing waits."""
+_NEXT = frozenset({State.IDLE, State.SCAN, State.MANUAL, State.PATROL})
+"""After something ended: the next request starts, a person goes on by hand, a patrol goes on, or nothing waits."""
 
 Table = dict[tuple[State, type[ev.Event]], frozenset[State]]
 
@@ -81,7 +82,7 @@ def _table() -> Table:
         table[state, ev.DeviceLost] = frozenset({State.STARTING if state is State.STARTING else State.FAULT})
         table[state, ev.HeadReady] = frozenset({state})
     for state in (State.STARTING, State.FAULT):
-        table[state, ev.DeviceWell] = frozenset({state}) | _NEXT_REQUEST
+        table[state, ev.DeviceWell] = frozenset({state}) | _NEXT
         table |= _stays(
             frozenset({state}),
             ev.RequestReceived,
@@ -90,6 +91,8 @@ def _table() -> Table:
             ev.LeaseAsked,
             ev.MoveAsked,
             ev.GotoAsked,
+            ev.PatrolAsked,
+            ev.PatrolDue,
             ev.ForeignMotion,
             ev.HeadStopped,
             ev.DeadlinePassed,
@@ -99,18 +102,22 @@ def _table() -> Table:
         dropped = frozenset({state, State.IDLE, State.MANUAL} if state in WORKING else {state})
         table[state, ev.CancelReceived] = dropped
         table[state, ev.ForeignMotion] = dropped | ({State.IDLE} if state is State.HOME else frozenset())
-        table[state, ev.ControlReceived] = frozenset({state, State.HOME, State.IDLE, State.SCAN, State.MANUAL})
+        table[state, ev.ControlReceived] = _NEXT | {state, State.HOME}
         table[state, ev.LeaseAsked] = dropped | {State.IDLE} if state is State.HOME else dropped
         table[state, ev.MoveAsked] = frozenset({state, State.MANUAL} if state in WORKING else {state})
         table[state, ev.HeadStopped] = frozenset({state})
         table[state, ev.RequestReceived] = dropped | {State.SCAN}
-        table[state, ev.GotoAsked] = frozenset({state, State.GOTO})
+        # a head that is at the place already is told so at once, and may be free again
+        table[state, ev.GotoAsked] = _NEXT | {state, State.GOTO}
+        begins = {State.IDLE: _NEXT, State.HOME: frozenset({State.PATROL})}.get(state, frozenset())
+        table[state, ev.PatrolAsked] = table[state, ev.PatrolDue] = begins | {state}
     table |= _goto()
-    table[State.IDLE, ev.LeaseAsked] = frozenset({State.IDLE, State.MANUAL, State.SCAN})
-    table[State.MANUAL, ev.LeaseAsked] = _NEXT_REQUEST
-    table[State.MANUAL, ev.DeadlinePassed] = _NEXT_REQUEST
-    table[State.IDLE, ev.HeadStopped] = _NEXT_REQUEST | {State.GOTO}
-    scan_ends = _NEXT_REQUEST | {State.SCAN, State.MATCH, State.LOCK}
+    table |= _patrol()
+    table[State.IDLE, ev.LeaseAsked] = _NEXT
+    table[State.MANUAL, ev.LeaseAsked] = _NEXT
+    table[State.MANUAL, ev.DeadlinePassed] = _NEXT
+    table[State.IDLE, ev.HeadStopped] = _NEXT | {State.GOTO}
+    scan_ends = _NEXT | {State.SCAN, State.MATCH, State.LOCK}
     for event in (
         ev.HeadStalled,
         ev.ViewTaken,
@@ -131,12 +138,12 @@ def _table() -> Table:
         ev.MatchFailed,
         ev.DeadlinePassed,
     ):
-        table[State.LOCK, event] = _NEXT_REQUEST | {State.LOCK}
-    table[State.LOCK, ev.UpdateReceived] = _NEXT_REQUEST | {State.LOCK}
-    table[State.IDLE, ev.DeadlinePassed] = _NEXT_REQUEST | {State.HOME, State.GOTO}
+        table[State.LOCK, event] = _NEXT | {State.LOCK}
+    table[State.LOCK, ev.UpdateReceived] = _NEXT | {State.LOCK}
+    table[State.IDLE, ev.DeadlinePassed] = _NEXT | {State.HOME, State.GOTO}
     for ending in (ev.HeadArrived, ev.HeadStalled, ev.DeadlinePassed):
         # what waited for the motor's budget may begin then
-        table[State.HOME, ending] = _NEXT_REQUEST | {State.HOME}
+        table[State.HOME, ending] = _NEXT | {State.HOME}
     table |= _stays(frozenset({State.STOPPED}), *_all_events())
     return table
 
@@ -148,7 +155,17 @@ def _goto() -> Table:
     table: Table = {(goto, event): ends for event in (ev.ForeignMotion, ev.LeaseAsked, ev.MoveAsked)}
     table[goto, ev.RequestReceived] = frozenset({goto})
     for event in (ev.HeadArrived, ev.HeadStalled, ev.DeadlinePassed):
-        table[goto, event] = _NEXT_REQUEST | {goto}
+        table[goto, event] = _NEXT | {goto}
+    return table
+
+
+def _patrol() -> Table:
+    """The patrol: whatever else is wanted goes before it, and it stands still when it is told to."""
+    patrol = State.PATROL
+    words = (ev.ForeignMotion, ev.LeaseAsked, ev.PatrolAsked, ev.PatrolDue)
+    answers = (ev.HeadArrived, ev.HeadStalled, ev.DeadlinePassed)
+    table: Table = {(patrol, event): frozenset({patrol, State.IDLE}) for event in (*words, *answers)}
+    table[patrol, ev.ControlReceived] = frozenset({patrol, State.IDLE, State.HOME})
     return table
 
 
@@ -187,6 +204,8 @@ _SPOKEN = {
     ev.LeaseAsked: "lease",
     ev.MoveAsked: "hand",
     ev.GotoAsked: "goto",
+    ev.PatrolAsked: "patrol",
+    ev.PatrolDue: "schedule",
     ev.ForeignMotion: "foreign motion",
     ev.HeadArrived: "arrived",
     ev.HeadStalled: "view",

@@ -7,7 +7,7 @@ import logging
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
 from ptzd.control.states import State
-from ptzd.model import REFUSED, GotoShown, LeaseHeld, Outcome
+from ptzd.model import REFUSED, GotoShown, LeaseHeld, Outcome, PatrolShown
 
 _log = logging.getLogger("ptzd")
 _GOOD = frozenset({Outcome.LOCKED, Outcome.RELEASED, Outcome.CANCELLED, Outcome.PREEMPTED})
@@ -18,6 +18,7 @@ _MESSAGES = (
     ev.ControlReceived,
     ev.GotoAsked,
     ev.LeaseAsked,
+    ev.PatrolAsked,
     ev.PayloadRefused,
 )
 """What comes from outside, as often as somebody likes."""
@@ -38,6 +39,7 @@ class Narrator:
         self._moved_ns: int | None = None
         self._lease: LeaseHeld | None = None
         self._goto: GotoShown | None = None
+        self._patrol: PatrolShown | None = None
 
     def seen(self, t_ns: int, event: ev.Event, commands: list[cmd.Command]) -> None:
         """Look at one step."""
@@ -68,6 +70,7 @@ class Narrator:
             if isinstance(command, cmd.PublishStatus):
                 self._tell_lease(command.lease)
                 self._tell_goto(command.goto)
+                self._tell_patrol(command.patrol)
 
     def _tell(self, t_ns: int, command: cmd.Command, event: ev.Event) -> None:
         match command:
@@ -113,6 +116,22 @@ class Narrator:
             _log.info("the head is sent to %s%s", goto.place, by)
         if goto.there_ns is not None and (before is None or before.there_ns != goto.there_ns):
             _log.info("the head is at %s after %.1f s", goto.place, (goto.there_ns - goto.since_ns) / 1e9)
+
+    def _tell_patrol(self, patrol: PatrolShown | None) -> None:
+        before, self._patrol = self._patrol, patrol
+        if patrol is None:
+            if before is not None:
+                _log.info("patrol %s is over", before.patrol)
+            return
+        if before is None or before.since_ns != patrol.since_ns:
+            _log.info("patrol %s begins%s", patrol.patrol, ", by the schedule" if patrol.scheduled else "")
+            before = None
+        if patrol.paused and (before is None or not before.paused):
+            _log.info("patrol %s is paused: %s", patrol.patrol, patrol.paused)
+        elif before is not None and before.paused and not patrol.paused:
+            _log.info("patrol %s goes on at %s", patrol.patrol, patrol.place)
+        if patrol.trouble and (before is None or before.trouble != patrol.trouble):
+            _log.warning("patrol %s: %s", patrol.patrol, patrol.trouble)
 
     def _moved(self, t_ns: int) -> None:
         """Somebody at a joystick is told with every position; a motion that goes on is one piece of news."""

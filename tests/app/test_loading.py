@@ -186,6 +186,13 @@ def test_a_file_of_places_that_is_none_is_named(folder: Path, text: str, said: s
     assert said in str(error.value)
 
 
+@pytest.mark.parametrize("zone", ["Europe/Atlantis", "../etc/passwd", ""])
+def test_a_time_zone_that_is_none_is_refused(folder: Path, zone: str) -> None:
+    (folder / "presets.yaml").write_text(yaml.safe_dump({**PLACES, "time_zone": zone}))
+    with pytest.raises(ConfigError, match=r"is not known on this machine; write e.g. Europe/Berlin"):
+        load(folder / "ptzd.yaml")
+
+
 def test_the_example_of_places_is_taken() -> None:
     presets = read_presets(EXAMPLES / "presets.example.yaml")
     assert presets is not None

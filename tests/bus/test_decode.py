@@ -13,6 +13,7 @@ from ptzd.bus.decode import (
     goto_event,
     lease_event,
     move_event,
+    patrol_event,
     readable_id,
     request_event,
     update_event,
@@ -22,6 +23,8 @@ from ptzd.control.events import (
     LeaseAsked,
     LeaseWish,
     MoveAsked,
+    PatrolAsked,
+    PatrolWish,
     PayloadRefused,
     RequestReceived,
     UpdateReceived,
@@ -113,6 +116,29 @@ def test_what_is_no_place_to_go_to_is_refused_by_its_field(payload, field):
     assert isinstance(event, PayloadRefused)
     assert event.field == field
     assert event.message.startswith("goto: ")
+
+
+def test_a_word_on_the_patrol():
+    begins = patrol_event(b'{"patrol":"night"}', None)
+    assert begins == PatrolAsked(token=None, wish=PatrolWish.START, patrol="night")
+    assert patrol_event(b'{"wish":"pause"}', 5) == PatrolAsked(token=5, wish=PatrolWish.PAUSE)
+
+
+@pytest.mark.parametrize(
+    ("payload", "field"),
+    [
+        (b'{"wish":"rest"}', "$.wish"),
+        (b'{"patrol":7}', "$.patrol"),
+        (b'{"patrol":"' + b"x" * 65 + b'"}', "$.patrol"),
+        (b'{"patrol":"night","dwell_s":1}', "$.dwell_s"),
+        (b"", "$"),
+    ],
+)
+def test_what_is_no_word_on_the_patrol_is_refused_by_its_field(payload, field):
+    event = patrol_event(payload, 5)
+    assert isinstance(event, PayloadRefused)
+    assert event.field == field
+    assert event.message.startswith("patrol: ")
 
 
 def test_frame_by_time_and_range_without_an_end():

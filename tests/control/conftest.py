@@ -20,7 +20,7 @@ from ptzd.geometry.sphere import pan_tilt
 from ptzd.geometry.unified import UnifiedCamera
 from ptzd.geometry.zoom import ZoomEntry, ZoomTable
 from ptzd.model import Box, Candidate, FrameRef, HeadLimits, HeadReading, MatchResult, ViewRef
-from ptzd.presets import Place, Presets
+from ptzd.presets import Place, Presets, Stay
 
 PLACES = {
     "gate": Place(azimuth_deg=40.0, elevation_deg=-10.0, hfov_deg=20.0),
@@ -28,6 +28,12 @@ PLACES = {
     "behind": Place(azimuth_deg=179.0, elevation_deg=0.0, hfov_deg=40.0),
 }
 """The last one lies outside the head's limits."""
+PATROLS = {
+    "night": (Stay(place="gate", dwell_s=10.0), Stay(place="yard", dwell_s=6.0), Stay(place="gate", dwell_s=3.0)),
+    "far": (Stay(place="behind", dwell_s=5.0), Stay(place="yard", dwell_s=5.0)),
+    "nowhere": (Stay(place="behind", dwell_s=5.0),),
+    "alone": (Stay(place="yard", dwell_s=5.0),),
+}
 
 
 @pytest.fixture(scope="session")
@@ -60,7 +66,7 @@ def config() -> Config:
         home=Home(idle_s=5.0),
         search=Search(),
         lock=Lock(hold_s=4.0, verify_every_s=1.5),
-        presets=Presets(places=PLACES, hold_s=8.0),
+        presets=Presets(places=PLACES, hold_s=8.0, quiet_s=20.0, patrols=PATROLS),
     )
 
 

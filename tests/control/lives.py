@@ -16,6 +16,7 @@ from ptzd.control.machine import Machine
 from ptzd.control.states import TRANSITIONS, WORKING, State
 from ptzd.control.work import MATCH_GUARD_NS
 from ptzd.model import Box, FrameRef, HeadLimits, HeadPose, HeadReading, Lens, Motion, ViewRef
+from tests.control.patrol_laws import PatrolLaws
 
 HOME = HeadReading(pan_deg=0.0, tilt_deg=0.0, zoom=1.0)
 BOX = Box(x=330, y=230, w=40, h=32)
@@ -39,6 +40,8 @@ def plain(kind: type[ev.Event], t_ns: int) -> ev.Event:
         ev.RangesAsked: {"token": 9},
         ev.MoveAsked: {"token": 9, "wish": ev.MoveWish.TO, "owner": "somebody"},
         ev.GotoAsked: {"token": 9, "place": "gate"},
+        ev.PatrolAsked: {"token": 9, "wish": ev.PatrolWish.START, "patrol": "night"},
+        ev.PatrolDue: {"patrol": "night", "since": "2026-03-01T21:00:00Z"},
         ev.FrameArrived: {"frame": frame},
         ev.HeadReady: {"limits": limits, "reading": HOME},
         ev.DeviceLost: {"device": ev.Device.PTZ, "reason": "no answer"},
@@ -85,6 +88,7 @@ class Life:
         self.stop_sent_ns: int | None = None
         self.stands = False
         self.seq = 0
+        self.patrols = PatrolLaws()
 
     # what may come
 
@@ -205,6 +209,21 @@ class Life:
             )
         )
 
+    def _patrol(self) -> None:
+        """Somebody begins a patrol, lets it rest, go on or end."""
+        self.tell(
+            ev.PatrolAsked(
+                token=self.pick([None, self._token(), self._token()]),
+                wish=self.pick([ev.PatrolWish.START, ev.PatrolWish.RESUME, *ev.PatrolWish]),
+                patrol=self.pick(["", "night", "night", "alone", "far", "nobody's"]),
+            )
+        )
+
+    def _due(self) -> None:
+        """A window of the schedule begins or ends."""
+        patrol, since = self.pick([("", ""), ("night", "1"), ("night", "2"), ("far", "3"), ("nowhere", "4")])
+        self.tell(ev.PatrolDue(patrol=patrol, since=since))
+
     def _answer(self) -> None:
         """What is due: a match, else the head."""
         if self.matches and self.pick([True, False]):
@@ -312,6 +331,7 @@ class Life:
         for command in commands:
             self._note(command, event)
         self._check_deadline()
+        self.patrols.check(self, event, commands)
 
     def _note_event(self, event: ev.Event) -> None:
         token = getattr(event, "token", None)
@@ -329,7 +349,8 @@ class Life:
             isinstance(event, ev.RequestReceived | ev.DeviceWell)
             or (isinstance(event, ev.ControlReceived) and event.verb is ev.Verb.HOME)
             or (isinstance(event, ev.LeaseAsked) and event.wish is ev.LeaseWish.TAKE)
-            or isinstance(event, ev.GotoAsked)
+            or isinstance(event, ev.GotoAsked | ev.PatrolDue)
+            or (isinstance(event, ev.PatrolAsked) and event.wish in {ev.PatrolWish.START, ev.PatrolWish.RESUME})
         )
         if asks:
             self.stands = False
@@ -375,6 +396,7 @@ class Life:
                 | cmd.ReplyMove()
                 | cmd.ReplyGoto()
                 | cmd.ReplyRanges()
+                | cmd.ReplyPatrol()
             ):
                 self.answered[command.token] = self.answered.get(command.token, 0) + 1
             case _:
@@ -450,7 +472,7 @@ class Life:
             assert deadline is None
         elif under_way or self.machine.state in WORKING | {State.HOME} or status.lease or self._goes(status):
             assert deadline is not None
-        elif self.machine.state is not State.IDLE:
+        elif self.machine.state is not State.IDLE and status.patrol is None:
             assert deadline is None
 
     @property
@@ -459,7 +481,8 @@ class Life:
         return next((command for command in reversed(self.done) if isinstance(command, cmd.PublishStatus)), empty)
 
     def end(self) -> None:
-        """The daemon ends: now everything must have been answered, once."""
+        """A patrol goes on; then the daemon ends, and now everything must have been answered, once."""
+        self.patrols.resume(self)
         if self.machine.state is not State.STOPPED:
             self._shutdown()
         for _ in range(3):

@@ -1,12 +1,13 @@
 from __future__ import annotations
 
+import dataclasses
 import logging
 
 import pytest
 
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
-from ptzd.model import FrameRef, GotoShown, HeadReading, Outcome
+from ptzd.model import FrameRef, GotoShown, HeadReading, Outcome, PatrolShown
 from ptzd.runtime.narrator import Narrator
 
 
@@ -65,6 +66,27 @@ def test_a_place_is_told_when_it_is_asked_for_and_when_the_head_is_there(lines) 
     assert status(there) == ["the head is at gate after 1.5 s"]
     assert status(there) == []
     assert status(None) == []
+
+
+def test_a_patrol_is_told_when_it_begins_rests_goes_on_ends_and_misses_a_place(lines) -> None:
+    def status(patrol: PatrolShown | None) -> list[str]:
+        told = cmd.PublishStatus(
+            state="PATROL", active=None, phase="", queue=(), fisheye="well", ptz="well", held=False, patrol=patrol
+        )
+        return [text for level, text in lines(QUIET, told) if level >= logging.INFO]
+
+    there = PatrolShown(patrol="night", place="gate", phase="there", since_ns=10)
+    assert status(there) == ["patrol night begins"]
+    assert status(dataclasses.replace(there, place="yard", phase="on the way")) == []
+    paused = dataclasses.replace(there, phase="paused", paused="somebody paused it")
+    assert status(paused) == ["patrol night is paused: somebody paused it"]
+    assert status(there) == ["patrol night goes on at gate"]
+    missed = dataclasses.replace(there, trouble="the head did not get to yard: blocked")
+    assert status(missed) == ["patrol night: the head did not get to yard: blocked"]
+    assert status(missed) == []
+    other = PatrolShown(patrol="day", place="gate", phase="there", since_ns=20, scheduled=True)
+    assert status(other) == ["patrol day begins, by the schedule"]
+    assert status(None) == ["patrol day is over"]
 
 
 def test_positions_and_frames_are_no_news(lines) -> None:
