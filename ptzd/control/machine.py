@@ -2,28 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import msgspec
 
 from ptzd.config import Config
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
-from ptzd.control.answers import Answers
-from ptzd.control.authority import Authority
-from ptzd.control.desk import Desk
-from ptzd.control.gotos import Gotos
-from ptzd.control.health import Health
-from ptzd.control.learning import Lessons
-from ptzd.control.leases import Leases
 from ptzd.control.memory import Memory
 from ptzd.control.motor import Travel
-from ptzd.control.moves import Moves
-from ptzd.control.operator import Operator
-from ptzd.control.patrols import Patrols
+from ptzd.control.parts import parts_of
 from ptzd.control.planning.ranges import RangeMap
-from ptzd.control.reception import Reception
 from ptzd.control.states import TRANSITIONS, ImpossibleEvent, State
 from ptzd.control.work import Work
 from ptzd.geometry.rig import Rig
@@ -43,44 +30,7 @@ class Machine:
     def __init__(self, rig: Rig, config: Config, memory: Memory | None = None) -> None:
         self._memory = memory = memory or Memory()
         self._work = work = Work(rig=rig, config=config, head=memory.head, ranges=memory.ranges)
-        desk = Desk(memory=memory, work=work)
-        authority = Authority(memory=memory, work=work, desk=desk)
-        self._operator = operator = Operator(memory=memory, work=work, desk=desk, authority=authority)
-        health = Health(memory=memory, work=work, authority=authority)
-        reception = Reception(memory=memory, desk=desk, authority=authority)
-        self._answers = answers = Answers(memory=memory, work=work, desk=desk, authority=authority)
-        leases = Leases(memory=memory, work=work, desk=desk, authority=authority)
-        patrols = Patrols(memory=memory, work=work, desk=desk, authority=authority)
-        self._handlers: dict[type[ev.Event], Callable[[Any], None]] = {
-            ev.RequestReceived: reception.on_request,
-            ev.PayloadRefused: desk.refuse_payload,
-            ev.UpdateReceived: reception.on_update,
-            ev.CancelReceived: reception.on_cancel,
-            ev.ControlReceived: operator.on_control,
-            ev.LeaseAsked: leases.on_asked,
-            ev.MoveAsked: Moves(memory=memory, work=work, leases=leases, authority=authority).on_asked,
-            ev.GotoAsked: Gotos(memory=memory, work=work, desk=desk, authority=authority).on_asked,
-            ev.RangesAsked: Lessons(work=work).on_asked,
-            ev.PatrolAsked: patrols.on_asked,
-            ev.PatrolDue: patrols.on_due,
-            ev.FrameArrived: health.on_frame,
-            ev.HeadReady: health.on_head_ready,
-            ev.DeviceLost: health.on_lost,
-            ev.DeviceWell: health.on_well,
-            ev.HeadPolled: health.on_polled,
-            ev.ForeignMotion: health.on_foreign_motion,
-            ev.HeadArrived: answers.on_arrived,
-            ev.HeadStalled: answers.on_stalled,
-            ev.HeadStopped: operator.on_stopped,
-            ev.LensAnswered: answers.on_lens,
-            ev.ViewTaken: answers.on_view,
-            ev.ViewMissed: answers.on_view_missed,
-            ev.MatchFinished: answers.on_match,
-            ev.MatchFailed: answers.on_match_failed,
-            ev.DeadlinePassed: answers.on_deadline,
-            ev.SettingsChanged: work.on_settings,
-            ev.ShutdownRequested: operator.on_shutdown,
-        }
+        self._parts = parts_of(memory, work)
 
     @classmethod
     def restored(cls, rig: Rig, config: Config, snapshot: ev.Snapshot) -> Machine:
@@ -114,7 +64,7 @@ class Machine:
 
     def deadline_ns(self) -> int | None:
         """When a DeadlinePassed event is wanted; None when nothing can time out."""
-        return None if self._memory.finished else self._answers.deadline_ns()
+        return None if self._memory.finished else self._parts.answers.deadline_ns()
 
     def handle(self, event: ev.Event, t_ns: int) -> list[cmd.Command]:
         """Take one event and say what is to be done.
@@ -140,10 +90,10 @@ class Machine:
             raise ImpossibleEvent(before, event)
         self._work.begin(t_ns)
         if before is State.STOPPED:
-            self._operator.after_shutdown(event)
+            self._parts.operator.after_shutdown(event)
         else:
-            self._handlers[type(event)](event)
-            self._answers.answer_at_once()
+            self._parts.handlers[type(event)](event)
+            self._parts.answers.answer_at_once()
         if self.state not in allowed:
             raise AssertionError(f"{before} → {self.state} on {type(event).__name__} is not in the table")
         self._publish_status()

@@ -31,3 +31,8 @@ def test_no_file_is_longer_than_four_hundred_lines():
         if (lines := len(path.read_text().splitlines())) > LONGEST
     }
     assert long == {}
+
+
+def test_the_machine_only_hands_on() -> None:
+    """What there is to know of events lies with those who answer to them."""
+    assert len((Path(ptzd.__file__).parent / "control" / "machine.py").read_text().splitlines()) <= 150
