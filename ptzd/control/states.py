@@ -61,6 +61,23 @@ def _stays(states: frozenset[State], *events: type[ev.Event]) -> Table:
 
 
 def _table() -> Table:
+    stopped = _stays(frozenset({State.STOPPED}), *_all_events())
+    return (
+        _living()
+        | _without_devices()
+        | _serving()
+        | _idle_and_home()
+        | _manual()
+        | _goto()
+        | _patrol()
+        | _scan()
+        | _lock()
+        | stopped
+    )
+
+
+def _living() -> Table:
+    """Everywhere but after the shutdown, where nothing more particular is said below."""
     table = _stays(
         LIVING,
         ev.PayloadRefused,
@@ -81,6 +98,12 @@ def _table() -> Table:
         table[state, ev.ShutdownRequested] = frozenset({State.STOPPED})
         table[state, ev.DeviceLost] = frozenset({State.STARTING if state is State.STARTING else State.FAULT})
         table[state, ev.HeadReady] = frozenset({state})
+    return table
+
+
+def _without_devices() -> Table:
+    """Nothing begins before both devices are well."""
+    table: Table = {}
     for state in (State.STARTING, State.FAULT):
         table[state, ev.DeviceWell] = frozenset({state}) | _NEXT
         table |= _stays(
@@ -97,7 +120,12 @@ def _table() -> Table:
             ev.HeadStopped,
             ev.DeadlinePassed,
         )
-    table |= _stays(SERVING, ev.DeviceWell)
+    return table
+
+
+def _serving() -> Table:
+    """With both devices well, where nothing more particular is said below."""
+    table = _stays(SERVING, ev.DeviceWell)
     for state in SERVING:
         dropped = frozenset({state, State.IDLE, State.MANUAL} if state in WORKING else {state})
         table[state, ev.CancelReceived] = dropped
@@ -111,41 +139,25 @@ def _table() -> Table:
         table[state, ev.GotoAsked] = _NEXT | {state, State.GOTO}
         begins = {State.IDLE: _NEXT, State.HOME: frozenset({State.PATROL})}.get(state, frozenset())
         table[state, ev.PatrolAsked] = table[state, ev.PatrolDue] = begins | {state}
-    table |= _goto()
-    table |= _patrol()
-    table[State.IDLE, ev.LeaseAsked] = _NEXT
-    table[State.MANUAL, ev.LeaseAsked] = _NEXT
-    table[State.MANUAL, ev.DeadlinePassed] = _NEXT
-    table[State.IDLE, ev.HeadStopped] = _NEXT | {State.GOTO}
-    scan_ends = _NEXT | {State.SCAN, State.MATCH, State.LOCK}
-    for event in (
-        ev.HeadStalled,
-        ev.ViewTaken,
-        ev.ViewMissed,
-        ev.MatchFinished,
-        ev.MatchFailed,
-        ev.DeadlinePassed,
-    ):
-        table[State.SCAN, event] = scan_ends
-    table[State.SCAN, ev.HeadArrived] = frozenset({State.SCAN})
-    for closing in (ev.MatchFinished, ev.MatchFailed, ev.DeadlinePassed):
-        table[State.MATCH, closing] = scan_ends
-    for event in (
-        ev.HeadStalled,
-        ev.ViewTaken,
-        ev.ViewMissed,
-        ev.MatchFinished,
-        ev.MatchFailed,
-        ev.DeadlinePassed,
-    ):
-        table[State.LOCK, event] = _NEXT | {State.LOCK}
-    table[State.LOCK, ev.UpdateReceived] = _NEXT | {State.LOCK}
-    table[State.IDLE, ev.DeadlinePassed] = _NEXT | {State.HOME, State.GOTO}
+    return table
+
+
+def _idle_and_home() -> Table:
+    """Nobody has the head, or it is on its way home."""
+    table: Table = {
+        (State.IDLE, ev.LeaseAsked): _NEXT,
+        (State.IDLE, ev.HeadStopped): _NEXT | {State.GOTO},
+        (State.IDLE, ev.DeadlinePassed): _NEXT | {State.HOME, State.GOTO},
+    }
     for ending in (ev.HeadArrived, ev.HeadStalled, ev.DeadlinePassed):
         # what waited for the motor's budget may begin then
         table[State.HOME, ending] = _NEXT | {State.HOME}
-    table |= _stays(frozenset({State.STOPPED}), *_all_events())
     return table
+
+
+def _manual() -> Table:
+    """A person has the head, until he gives it back or his time is over."""
+    return {(State.MANUAL, event): _NEXT for event in (ev.LeaseAsked, ev.DeadlinePassed)}
 
 
 def _goto() -> Table:
@@ -167,6 +179,23 @@ def _patrol() -> Table:
     table: Table = {(patrol, event): frozenset({patrol, State.IDLE}) for event in (*words, *answers)}
     table[patrol, ev.ControlReceived] = frozenset({patrol, State.IDLE, State.HOME})
     return table
+
+
+_LOOKS = (ev.HeadStalled, ev.ViewTaken, ev.ViewMissed, ev.MatchFinished, ev.MatchFailed, ev.DeadlinePassed)
+"""What a look leads to, or that it leads to nothing."""
+
+
+def _scan() -> Table:
+    """The views of the arc, and the matches that are still under way behind the last one."""
+    ends = _NEXT | {State.SCAN, State.MATCH, State.LOCK}
+    table: Table = {(State.SCAN, event): ends for event in _LOOKS}
+    table |= {(State.MATCH, event): ends for event in (ev.MatchFinished, ev.MatchFailed, ev.DeadlinePassed)}
+    return table
+
+
+def _lock() -> Table:
+    """The target was found: it is kept, or the request is over."""
+    return {(State.LOCK, event): _NEXT | {State.LOCK} for event in (*_LOOKS, ev.UpdateReceived)}
 
 
 def _all_events() -> tuple[type[ev.Event], ...]:
