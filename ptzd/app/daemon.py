@@ -222,7 +222,7 @@ async def open_fisheye(settings: FisheyeSource, clock: Clock) -> AsyncIterator[F
 @asynccontextmanager
 async def open_head(config: Config, clock: Clock) -> AsyncIterator[PtzHead]:
     """Open the PTZ camera; in shadow mode it is only asked, and an imagined head moves in its place."""
-    async with VapixHead(config.ptz, config.limits, clock, only_asks=config.shadow.enabled) as camera:
+    async with VapixHead(config.ptz, config.limits, clock, only_asks=config.shadow.enabled, takes_over=True) as camera:
         if not config.shadow.enabled:
             yield camera
             return

@@ -33,6 +33,8 @@ LOGGER = logging.getLogger(__name__)
 
 REST_S = 0.3
 """Equal reports over this long are rest: longer than any camera repeats an old report."""
+REPORTS_APART = 3
+"""Cameras repeat a report once or twice: so many later a head that turns has another one."""
 LATENCY_S = 0.2
 """From an accepted command to motion, at most (0.08 to 0.2 s assumed for current cameras)."""
 HALF_EXPOSURE_NS = 25_000_000
@@ -68,6 +70,8 @@ class VapixHead:
         Random numbers in [0, 1) for the pauses between attempts; None = the system's.
     only_asks : bool
         Send nothing that moves or changes the camera.
+    takes_over : bool
+        The head is this client's alone: one that turns when it connects first is stopped.
 
     Attributes
     ----------
@@ -85,6 +89,7 @@ class VapixHead:
         *,
         jitter: Callable[[], float] | None = None,
         only_asks: bool = False,
+        takes_over: bool = False,
     ) -> None:
         address = Address(
             url=settings.url,
@@ -97,6 +102,7 @@ class VapixHead:
         self.report_lag_ns = round(settings.report_lag_s * 1e9)
         self._settings = settings
         self._limits = limits
+        self._takes_over = takes_over and not only_asks
         self._settle_ns = round(settings.settle_s * 1e9)
         self._client = CameraClient(address, clock, only_asks=only_asks)
         self._poses = PoseRing(stillness, self._settle_ns)
@@ -167,7 +173,21 @@ class VapixHead:
         self._start(self._witness.run(), polls, "the motion events")
         await polls.after(polls.count)
         await pictures.after(pictures.count)
+        if self._takes_over:
+            await self._stop_left_over()
+            self._takes_over = False
         return capabilities.limits
+
+    async def _stop_left_over(self) -> None:
+        """End a turn that nobody will end: of a daemon that was killed while somebody steered."""
+        polls, first = self._poller.feed, self._poses.latest
+        with self._poller.eagerly():
+            for _ in range(REPORTS_APART):
+                await polls.after(polls.count)
+        latest = self._poses.latest
+        if first is not None and latest is not None and not self._poses.equal(first.reading, latest.reading):
+            LOGGER.warning("%s: the head turns though nobody here moves it; stopped", self._client.origin)
+            await self._mover.send_stops(asyncio.get_running_loop().time() + self._settings.stall_s)
 
     def _note(self, capabilities: Capabilities) -> None:
         before, self.capabilities = self.capabilities, capabilities

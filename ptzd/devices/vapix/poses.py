@@ -231,7 +231,7 @@ class PoseRing:
         if self._waiting is None:
             return False
         until_ns, before = self._waiting
-        left = before is not None and not self._equal(reading, before)
+        left = before is not None and not self.equal(reading, before)
         if left or t_ns >= until_ns:
             self._waiting = None
         return self._waiting is not None
@@ -253,7 +253,8 @@ class PoseRing:
         self._runs.append(self._run)
         return Motion.MOVING if known else Motion.UNKNOWN
 
-    def _equal(self, a: HeadReading, b: HeadReading) -> bool:
+    def equal(self, a: HeadReading, b: HeadReading) -> bool:
+        """Whether two reports differ by no more than those of a head at rest."""
         pan, tilt, zoom = offset_of(a, b)
         still = self._stillness
         return abs(pan) <= still.span_deg and abs(tilt) <= still.span_deg and abs(zoom) <= still.span_zoom

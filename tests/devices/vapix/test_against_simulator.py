@@ -44,13 +44,13 @@ async def rig_of(scene):
 async def head_of(tmp_path):
     heads = []
 
-    async def make(rig: SimRig, **changes) -> VapixHead:
+    async def make(rig: SimRig, *, takes_over: bool = False, **changes) -> VapixHead:
         (tmp_path / "password").write_text(rig.settings.password)
         values = {
             "url": rig.camera.url, "user": rig.settings.user, "password_file": str(tmp_path / "password"),
             "size_px": (160, 120), "stall_s": 4.0,
         }  # fmt: skip
-        head = VapixHead(Ptz(**(values | changes)), Limits(), SteadyClock(), jitter=lambda: 0.5)
+        head = VapixHead(Ptz(**(values | changes)), Limits(), SteadyClock(), jitter=lambda: 0.5, takes_over=takes_over)
         heads.append(await head.__aenter__())
         return head
 

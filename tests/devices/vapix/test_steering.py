@@ -18,6 +18,7 @@ from ptzd.devices.vapix.speeds import SPEED_FORMS, SpeedCurve
 from ptzd.model import AUTOMATIC, HeadReading, HeadSpeed, Lens
 from ptzd.ports import MoveSuperseded
 from ptzd.runtime.clock import SteadyClock
+from ptzd.sim.head import Turn
 from ptzd.sim.profile import PROFILES, Profile
 from tests.devices.vapix.test_against_simulator import head_of, rig_of, scene  # noqa: F401
 
@@ -183,3 +184,16 @@ async def test_a_camera_without_focus_by_hand_says_so(rig_of, head_of) -> None: 
     head = await head_of(await rig_of(profile="dome"))
     limits = await head.describe()
     assert (limits.focus, limits.iris) == (None, None)
+
+
+async def test_what_a_killed_daemon_left_turning_is_stopped_by_the_next(rig_of, head_of) -> None:  # noqa: F811
+    rig = await rig_of(profile="v5915")
+    unit = rig.camera.unit
+    unit.head.submit(rig.clock.now_s(), Turn(pan_percent=30.0, tilt_percent=0.0))
+    onlooker = await head_of(rig)
+    await onlooker.describe()
+    assert unit.head.moving(rig.clock.now_s())
+    assert not unit.orders, "whoever only looks leaves it alone"
+    heir = await head_of(rig, takes_over=True)
+    await heir.describe()
+    assert Turn(pan_percent=0.0, tilt_percent=0.0) in [record.order for record in unit.orders]
