@@ -54,6 +54,7 @@ from ptzd.control.events import (
     CancelReceived,
     Event,
     PayloadRefused,
+    RangesAsked,
     UpdateReceived,
     Verb,
 )
@@ -270,7 +271,7 @@ class ZenohBus:
 
     def _still_wanted(self, event: Event) -> bool:
         """An event whose query was told ``internal`` must not take effect any more; an operator's verb always does."""
-        if isinstance(event, Moving | PayloadRefused | UpdateReceived | CancelReceived):
+        if isinstance(event, Moving | PayloadRefused | UpdateReceived | CancelReceived | RangesAsked):
             return event.token is None or self._pending.waits(event.token)
         return True
 

@@ -59,7 +59,9 @@ class Narrator:
                 self._moved(t_ns)
             case ev.RangesAsked() if event.forget_all or event.forget_box or event.forget_last:
                 box, last = event.forget_box, event.forget_last
-                what = f"in {box}" if box else "all" if event.forget_all else f"of the last {last} lock(s)"
+                what = "all" if event.forget_all else f"those of the last {last} lock(s)"
+                if box is not None:
+                    what = f"those in {box.x:g},{box.y:g},{box.w:g},{box.h:g} px of the fisheye's picture"
                 _log.info("asked to forget the ranges that locks have taught: %s", what)
             case ev.UpdateReceived(token=None) | ev.CancelReceived(token=None):
                 self._unheard(t_ns, event, commands)

@@ -111,3 +111,8 @@ async def test_whoever_looks_around_takes_nothing_back(bus, asked, raw, client) 
     raw.put("ptzd/hall/**", b'{"forget_all":true}')
     await client.ranges()
     assert not any(getattr(event, "forget_all", False) for event in asked)
+
+
+async def test_what_was_given_up_waiting_for_is_not_forgotten_afterwards(bus) -> None:
+    assert bus._still_wanted(RangesAsked(token=None, forget_all=True))
+    assert not bus._still_wanted(RangesAsked(token=12_345, forget_all=True)), "nobody waits for it any more"

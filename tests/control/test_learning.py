@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import msgspec
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ptzd.config import Ranges, Search
@@ -154,6 +154,57 @@ def test_the_picture_overrules_the_map(make_world) -> None:
     world.run(60)
     assert ended(world, "walker").outcome is Outcome.LOCKED
     assert ended(world, "walker").range_m == pytest.approx(2.0, rel=0.01)
+
+
+def see_copies(world, *inverse_ranges: float) -> None:
+    """Let the matcher see equal places at these inverse ranges, the first one by chance ahead."""
+    see = world.match
+
+    def match(job: cmd.RunMatch) -> MatchResult:
+        found = []
+        for order, world.inverse_range in enumerate(inverse_ranges):
+            found += [replace(one, score=0.95 - 0.005 * order) for one in see(job).candidates]
+        return replace(see(job), candidates=tuple(found))
+
+    world.match = match
+
+
+@given(
+    surfaces=st.lists(st.floats(0.02, 0.49), min_size=1, max_size=6),
+    copies=st.permutations([0.05, 0.25, 0.45]).map(lambda some: some[:2]),
+)
+@settings(max_examples=25)
+def test_of_two_copies_none_is_found_whatever_the_map_says(new_world, surfaces, copies) -> None:
+    """Without a map they are ambiguous: so they are with one that knows where the target stands."""
+    world = new_world()
+    world.start()
+    ray = tuple(world.rig.fisheye.lift((350.0, 246.0))[0].tolist())
+    world.machine.ranges.locks += [
+        RangeLock(id=f"l{k}", ray=ray, inverse_range=s, sigma=0.001, t_ns=world.t_ns) for k, s in enumerate(surfaces)
+    ]
+    see_copies(world, *copies)
+    world.request(range_m=(2.0, 100.0), hold_s=0.0)
+    world.run(60)
+    assert ended(world).outcome is Outcome.AMBIGUOUS
+    assert len(learned(world)) == len(surfaces)
+
+
+@given(surfaces=st.lists(st.floats(0.0, 0.98), min_size=1, max_size=6), s=st.floats(0.02, 0.49))
+@settings(max_examples=25)
+def test_what_is_clearly_seen_is_found_whatever_the_map_says(new_world, surfaces, s: float) -> None:
+    world = new_world()
+    world.start()
+    ray = tuple(world.rig.fisheye.lift((350.0, 246.0))[0].tolist())
+    world.machine.ranges.locks += [
+        RangeLock(id=f"l{k}", ray=ray, inverse_range=one, sigma=0.001, t_ns=world.t_ns)
+        for k, one in enumerate(surfaces)
+    ]
+    world.inverse_range = s
+    world.request(range_m=(2.0, 100.0), hold_s=0.0)
+    world.run(60)
+    assert ended(world).outcome is Outcome.LOCKED
+    assert ended(world).range_m == pytest.approx(1.0 / s, rel=0.01)
+    assert learned(world)[-1].id == "a"
 
 
 # shown and taken back

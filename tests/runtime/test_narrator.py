@@ -7,7 +7,7 @@ import pytest
 
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
-from ptzd.model import FrameRef, GotoShown, HeadReading, Outcome, PatrolShown
+from ptzd.model import Box, FrameRef, GotoShown, HeadReading, Outcome, PatrolShown
 from ptzd.runtime.narrator import Narrator
 
 
@@ -160,3 +160,15 @@ def test_a_query_s_refusal_is_told_once(lines) -> None:
 def test_what_a_put_could_not_do_gets_a_line(lines, event) -> None:
     note = cmd.PublishFeedback(id="a", step="note", detail={"text": "cancel refused: $.id: no request a"})
     assert lines(event, note) == [(logging.WARNING, "refused: $: a: cancel refused: $.id: no request a (put)")]
+
+
+def test_what_is_taken_back_of_the_learned_ranges_is_told_and_a_question_is_not(lines) -> None:
+    def told(**forget: object) -> list[str]:
+        return [text for _, text in lines(ev.RangesAsked(token=None, **forget))]
+
+    begins = "asked to forget the ranges that locks have taught: "
+    assert told() == []
+    assert told(forget_last=3) == [f"{begins}those of the last 3 lock(s)"]
+    assert told(forget_all=True) == [f"{begins}all"]
+    box = Box(x=1, y=2.5, w=30, h=40)
+    assert told(forget_box=box) == [f"{begins}those in 1,2.5,30,40 px of the fisheye's picture"]
