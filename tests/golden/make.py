@@ -72,6 +72,14 @@ class Site:
                 if getattr(notice, "state", None) == state:
                     return
 
+    async def until_there(self, place: str) -> None:
+        """Until the patrol is at a place."""
+        async with asyncio.timeout(PATIENCE_S):
+            async for notice in self.client.watch():
+                patrol = getattr(notice, "patrol", None)
+                if patrol is not None and (patrol.place, patrol.phase) == (place, "there"):
+                    return
+
     async def until_locked(self, name: str) -> None:
         async with asyncio.timeout(PATIENCE_S):
             async for step in self.client.feedback(name):
@@ -156,6 +164,26 @@ async def zones(site: Site) -> None:
     await site.until_state("HOME")
 
 
+async def patrol(site: Site) -> None:
+    """Interrupted at a place by a request it goes back there, and on; a goto and a stop go before it too."""
+    client = site.client
+    await client.patrol("start", "round")
+    await site.until_there("left")
+    await client.request(box=BOX, id="between", hold_s=0.0)
+    await client.result("between", timeout_s=PATIENCE_S)
+    await site.until_there("left")
+    await site.until_there("right")
+    with suppress(RequestRefused):
+        await client.goto("behind")
+    await client.goto("left", hold_s=0.3)
+    await site.until_there("right")
+    await client.control("stop")
+    await client.patrol("resume")
+    await site.until_there("right")
+    await client.patrol("stop")
+    await site.until_state("HOME")
+
+
 def _upright(name: str, kind: str, pans: tuple[float, float], tilts: tuple[float, float]) -> dict[str, object]:
     (left, right), (low, high) = pans, tilts
     corners = [[left, low], [right, low], [right, high], [left, high]]
@@ -177,7 +205,15 @@ ZONES = [
 ]
 BEHIND = (464.0, 224.0, 32.0, 32.0)
 TREE = (185.0, 185.0, 30.0, 30.0)
-MORE: dict[str, dict[str, object]] = {"zones": {"zones": ZONES}}
+PRESETS = {
+    "places": {
+        "left": {"azimuth_deg": -20.0, "elevation_deg": -5.0, "hfov_deg": 30.0},
+        "right": {"azimuth_deg": 15.0, "elevation_deg": 3.0, "hfov_deg": 45.0},
+        "behind": {"azimuth_deg": 180.0, "elevation_deg": 0.0, "hfov_deg": 45.0},
+    },
+    "patrols": {"round": [{"place": "left", "dwell_s": 3.0}, {"place": "right", "dwell_s": 60.0}]},
+}
+MORE: dict[str, dict[str, object]] = {"zones": {"zones": ZONES}, "patrol": {"presets": PRESETS}}
 """Settings of single stories, whole parts."""
 
 STORIES: dict[str, Story] = {
@@ -189,6 +225,7 @@ STORIES: dict[str, Story] = {
     "lease": lease,
     "hand": hand,
     "zones": zones,
+    "patrol": patrol,
 }
 
 

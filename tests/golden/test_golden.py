@@ -31,6 +31,7 @@ OUTCOMES = {
     "lease": {"interrupted": "preempted", "waits": "locked"},
     "hand": {"waits": "locked"},
     "zones": {"around": "locked", "behind": "unreachable"},
+    "patrol": {"between": "locked"},
 }
 
 
@@ -106,6 +107,22 @@ def test_they_hold_what_they_are_for() -> None:
     assert [told.code for told in zones if isinstance(told, cmd.ReplyRefused)] == ["zone"]
     grab = next(index for index, told in enumerate(zones) if isinstance(told, cmd.GrabView))
     assert sum(isinstance(told, cmd.MoveHead) for told in zones[:grab]) > 1, "the first way has more than one leg"
+
+
+def test_the_patrol_goes_back_to_where_a_request_found_it() -> None:
+    shown = [
+        (c.command.patrol.place, c.command.patrol.phase)
+        for c in decisions("patrol")
+        if isinstance(c, LoggedCommand) and isinstance(c.command, cmd.PublishStatus) and c.command.patrol is not None
+    ]
+    told = [step for number, step in enumerate(shown) if number == 0 or shown[number - 1] != step]
+    assert told[:6] == [
+        ("left", "on the way"), ("left", "there"), ("left", "waiting"),
+        ("left", "on the way"), ("left", "there"), ("right", "on the way"),
+    ]  # fmt: skip
+    assert ("right", "paused") in told
+    refused = [c.command for c in decisions("patrol") if isinstance(c, LoggedCommand)]
+    assert [c.code for c in refused if isinstance(c, cmd.ReplyRefused)] == ["unreachable"]
 
 
 def test_the_falsified_one_fails_at_its_place(capsys) -> None:
