@@ -300,6 +300,14 @@ class PatrolShown:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class HomeAfter:
+    """How long the head is left where it is before it goes home, as somebody said while the daemon ran."""
+
+    after_s: float | None
+    """None: it does not go home by itself."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class MatchResult:
     """What a matcher says of one region in one view."""
 

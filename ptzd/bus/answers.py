@@ -15,10 +15,10 @@ from ptzd.bus.decode import decode
 from ptzd.bus.keys import Keys, request_id_of
 from ptzd.bus.messages import ErrorReply, LeaseReply, LogReply, LogRequest, encoding
 from ptzd.bus.pending_queries import BUSY, PendingQueries
-from ptzd.bus.places import GotoReply, PatrolReply
+from ptzd.bus.places import GotoReply, HomeAfterReply, PatrolReply
 from ptzd.bus.replies import Replies
 from ptzd.bus.results import KeptResults
-from ptzd.control.commands import PublishStatus, ReplyGoto, ReplyLease, ReplyMove, ReplyPatrol
+from ptzd.control.commands import PublishStatus, ReplyGoto, ReplyHomeAfter, ReplyLease, ReplyMove, ReplyPatrol
 from ptzd.errors import PtzdError, RequestRefused
 from ptzd.model import AUTOMATIC
 from ptzd.outgoing import ImageAttachment, Outgoing, Pose
@@ -237,10 +237,11 @@ def _fields(status: PublishStatus) -> dict[str, object]:
         "lease": status.lease,
         "goto": status.goto,
         "patrol": status.patrol,
+        "home_after": status.home_after,
     }
 
 
-def operators_reply(reply: ReplyLease | ReplyMove | ReplyGoto | ReplyPatrol) -> Outgoing:
+def operators_reply(reply: ReplyLease | ReplyMove | ReplyGoto | ReplyPatrol | ReplyHomeAfter) -> Outgoing:
     """What whoever operates the rig is answered."""
     match reply:
         case ReplyLease():
@@ -249,6 +250,8 @@ def operators_reply(reply: ReplyLease | ReplyMove | ReplyGoto | ReplyPatrol) -> 
             return _goto_reply(reply)
         case ReplyPatrol():
             return PatrolReply(patrol=reply.patrol)
+        case ReplyHomeAfter():
+            return HomeAfterReply(after_s=reply.after_s)
         case _:
             return _move_reply(reply)
 

@@ -16,7 +16,7 @@ from ptzd.bus.keys import ANY_RIG, Keys, check_id
 from ptzd.bus.known_ranges import RangesReply, RangesRequest
 from ptzd.bus.leasing import KeptLease, keep
 from ptzd.bus.messages import ControlReply, Empty, LeaseReply, LeaseRequest
-from ptzd.bus.places import GotoReply, GotoRequest, PatrolReply, PatrolRequest
+from ptzd.bus.places import GotoReply, GotoRequest, HomeAfterReply, HomeAfterRequest, PatrolReply, PatrolRequest
 from ptzd.bus.session import client_config, close_session, open_session
 from ptzd.errors import BusError, RequestRefused
 from ptzd.model import PatrolShown
@@ -201,6 +201,16 @@ class OperatedConnection(Connection):
         decode(msgspec.json.encode(request), PatrolRequest)
         key = (await self._keys()).full("control/patrol")
         return (await ask_one(self._session, key, PatrolReply, self._timeout_s, request)).patrol
+
+    async def home_after(self, after_s: float | Literal["never", "settings"]) -> float | None:
+        """Say how long the head is left where it is before it goes home; returns what holds then, None for never.
+
+        It holds until the daemon ends, or until its settings are read again with another ``home.idle_s``.
+        """
+        request = HomeAfterRequest(after_s=after_s)
+        decode(msgspec.json.encode(request), HomeAfterRequest)
+        key = (await self._keys()).full("control/home_after")
+        return (await ask_one(self._session, key, HomeAfterReply, self._timeout_s, request)).after_s
 
     async def move(self, request: MoveRequest) -> MoveReply:
         """One move of whoever has the lease; `KeptLease` has a method for each kind."""

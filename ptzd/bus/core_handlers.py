@@ -12,6 +12,7 @@ from ptzd.bus.arrivals import Arrival, Handler
 from ptzd.bus.decode import (
     decode,
     goto_event,
+    home_after_event,
     lease_event,
     move_event,
     patrol_event,
@@ -137,6 +138,10 @@ class CoreHandlers:
     def on_patrol(self, arrival: Arrival) -> None:
         """``control/patrol``: a query or a put."""
         self._on_person(arrival, "control/patrol", patrol_event)
+
+    def on_home_after(self, arrival: Arrival) -> None:
+        """``control/home_after``: a query or a put."""
+        self._on_person(arrival, "control/home_after", home_after_event)
 
     def _on_person(
         self, arrival: Arrival, key: str, read: Callable[[bytes, int | None], Event], within_s: float | None = None

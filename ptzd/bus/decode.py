@@ -19,9 +19,10 @@ from ptzd.bus.fields import BoxPx
 from ptzd.bus.keys import is_id
 from ptzd.bus.known_ranges import RangesRequest
 from ptzd.bus.messages import FrameName, LeaseRequest, RangeM, RoiRequest, RoiUpdate, ZoomTo
-from ptzd.bus.places import GotoRequest, PatrolRequest
+from ptzd.bus.places import GotoRequest, HomeAfterRequest, PatrolRequest
 from ptzd.control.events import (
     GotoAsked,
+    HomeAfterAsked,
     LeaseAsked,
     LeaseWish,
     MoveAsked,
@@ -35,7 +36,7 @@ from ptzd.control.events import (
     ZoomWish,
 )
 from ptzd.errors import RequestRefused
-from ptzd.model import AUTOMATIC, Box, HeadPose, Lens
+from ptzd.model import AUTOMATIC, Box, HeadPose, HomeAfter, Lens
 
 MAX_PAYLOAD_BYTES = 8192
 """Longest message accepted; the session's low-pass filter drops much longer ones before they get here."""
@@ -249,6 +250,18 @@ def patrol_event(payload: bytes, token: int | None) -> PatrolAsked | PayloadRefu
         named = RequestRefused(error.code, f"patrol: {error.message}", error.field)
         return refused(named, token, None)
     return PatrolAsked(token=token, wish=PatrolWish(asked.wish), patrol=asked.patrol)
+
+
+def home_after_event(payload: bytes, token: int | None) -> HomeAfterAsked | PayloadRefused:
+    """What came in on ``control/home_after``."""
+    try:
+        asked = decode(payload, HomeAfterRequest).after_s
+    except RequestRefused as error:
+        named = RequestRefused(error.code, f"home_after: {error.message}", error.field)
+        return refused(named, token, None)
+    if asked == "settings":
+        return HomeAfterAsked(token=token, after=None)
+    return HomeAfterAsked(token=token, after=HomeAfter(after_s=None if isinstance(asked, str) else asked))
 
 
 def refused(

@@ -28,9 +28,9 @@ from ptzd.bus.fields import (
     Timeout,
 )
 from ptzd.bus.known_ranges import RangesReply, RangesRequest
-from ptzd.bus.places import GotoReply, GotoRequest, PatrolReply, PatrolRequest
+from ptzd.bus.places import GotoReply, GotoRequest, HomeAfterReply, HomeAfterRequest, PatrolReply, PatrolRequest
 from ptzd.errors import RequestRefused
-from ptzd.model import FrameRef, GotoShown, LeaseHeld, Outcome, PatrolShown, Result
+from ptzd.model import FrameRef, GotoShown, HomeAfter, LeaseHeld, Outcome, PatrolShown, Result
 from ptzd.outgoing import ImageAttachment, MotorStatus, Outgoing, Pose
 
 VERSION = "v1"
@@ -242,6 +242,8 @@ class Status(Outgoing, frozen=True):
     """Where an operator sent it."""
     patrol: PatrolShown | None = None
     """The one under way."""
+    home_after: HomeAfter | None = None
+    """As somebody said while the daemon ran; absent: as its settings say."""
     devices: Document = msgspec.field(default_factory=dict)
     motor: MotorStatus | None = None
     pose: Pose | None = None
@@ -266,7 +268,8 @@ MESSAGES: dict[str, type[Struct]] = {
     for message in (
         RoiRequest, RoiUpdate, LeaseRequest, MoveRequest, RangesRequest, Empty, LogRequest, Accepted, ErrorReply,
         Feedback, RoiResult, CancelReply, ControlReply, UpdateReply, LeaseReply, MoveReply, RangesReply, LogReply, Pose,
-        Status, Calibration, ImageAttachment, GotoRequest, GotoReply, PatrolRequest, PatrolReply,
+        Status, Calibration, ImageAttachment, GotoRequest, GotoReply, PatrolRequest, PatrolReply, HomeAfterRequest,
+        HomeAfterReply,
     )
 }  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Messages of named places and patrols."""
+"""Messages of named places, patrols, and the way home."""
 
 from __future__ import annotations
 
@@ -54,3 +54,17 @@ class PatrolReply(Outgoing, frozen=True):
 
     patrol: PatrolShown | None = None
     """None: none is under way."""
+
+
+class HomeAfterRequest(Incoming, frozen=True):
+    """How long the head is left where it is before it goes home, until the daemon ends or ``home.idle_s`` changes."""
+
+    after_s: Seconds | Literal["never", "settings"]
+    """``settings``: as ``home.idle_s`` says."""
+
+
+class HomeAfterReply(Outgoing, frozen=True):
+    """What holds now."""
+
+    after_s: float | None = None
+    """None: it does not go home by itself."""

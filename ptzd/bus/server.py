@@ -43,6 +43,7 @@ from ptzd.control.commands import (
     PublishStatus,
     ReplyAccepted,
     ReplyGoto,
+    ReplyHomeAfter,
     ReplyLease,
     ReplyMove,
     ReplyOutcome,
@@ -187,7 +188,7 @@ class ZenohBus:
                 leaf = (self._pending.key_of(command.token) or "").rpartition("/")[2]
                 outcome = {"cancel": CancelReply, "update": UpdateReply}.get(leaf, ControlReply)
                 self._pending.reply(command.token, outcome(outcome=command.outcome))
-            case ReplyLease() | ReplyMove() | ReplyGoto() | ReplyPatrol():
+            case ReplyLease() | ReplyMove() | ReplyGoto() | ReplyPatrol() | ReplyHomeAfter():
                 self._pending.reply(command.token, operators_reply(command))
             case ReplyRanges():
                 reply = RangesReply.of(command, self._clock.now_ns(), metric=self._metric)
@@ -254,6 +255,7 @@ class ZenohBus:
                 declare(keys.full(f"control/{verb}"), self._core_handlers.on_control(verb))
         for declare in (requests.answer, requests.listen):
             declare(keys.full("control/goto"), self._core_handlers.on_goto)
+            declare(keys.full("control/home_after"), self._core_handlers.on_home_after)
             declare(keys.full("control/patrol"), self._core_handlers.on_patrol)
             declare(keys.full("control/ranges"), self._core_handlers.on_ranges)
         requests.answer(keys.full("roi"), self._core_handlers.on_request)

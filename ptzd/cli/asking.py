@@ -129,6 +129,8 @@ def status(arguments: argparse.Namespace) -> int:
             console.print(f"goto      {_said(goto_in_words(now.goto))}")
         if now.patrol is not None:
             console.print(f"patrol    {_said(patrol_in_words(now.patrol))}")
+        if now.home_after is not None:
+            console.print(f"home      {home_after_in_words(now.home_after.after_s)}, as was said while the daemon ran")
         console.print(f"fisheye   {_said(now.fisheye)}")
         console.print(f"ptz       {_said(now.ptz)}")
         if now.pose is not None:
@@ -192,6 +194,11 @@ def goto_in_words(goto: GotoShown) -> str:
         return f"on the way to {goto.place}{by}"
     until = "" if goto.until_ns is None else f" until {clock_time(goto.until_ns)}"
     return f"at {goto.place}{until}{by}"
+
+
+def home_after_in_words(after_s: float | None) -> str:
+    """When a head goes home that nobody wants, for a person."""
+    return "the head does not go home by itself" if after_s is None else f"the head goes home after {after_s:g} s"
 
 
 def patrol_in_words(patrol: PatrolShown) -> str:

@@ -62,6 +62,14 @@ def interval(text: str) -> tuple[float, float]:
     return low, high
 
 
+def quiet(text: str) -> float | str:
+    """Parse seconds, ``never`` or ``settings``."""
+    if text in {"never", "settings"}:
+        return text
+    (value,) = _numbers(text, 1)
+    return value
+
+
 def count(text: str) -> int:
     """Parse a whole number of at least 1."""
     if not text.isdecimal() or int(text) < 1:
@@ -169,6 +177,9 @@ def _add_place_commands(commands: argparse._SubParsersAction[_Parser], common: _
     patrol.add_argument("wish", choices=("start", "pause", "resume", "stop"))
     patrol.add_argument("patrol", nargs="?", default="", help="its name in presets.yaml; needed to start it")
     patrol.set_defaults(run=places.patrol)
+    home_after = commands.add_parser("home-after", parents=[common], help="how long the head is left where it is")
+    home_after.add_argument("after", type=quiet, metavar="S|never|settings", help="settings: as home.idle_s says")
+    home_after.set_defaults(run=places.home_after)
     _add_ranges(commands, common)
     cancel = commands.add_parser("cancel", parents=[common], help="take a request back")
     cancel.add_argument("id")

@@ -1,11 +1,11 @@
-"""`ptzd goto` and `ptzd patrol`: the head sent to named places."""
+"""`ptzd goto`, `ptzd patrol` and `ptzd home-after`: the head sent to named places, and left there."""
 
 from __future__ import annotations
 
 import argparse
 
 from ptzd.app.clients import Client
-from ptzd.cli.asking import patrol_in_words, print_json, with_client
+from ptzd.cli.asking import home_after_in_words, patrol_in_words, print_json, with_client
 from ptzd.plain import plain
 
 
@@ -33,6 +33,20 @@ def patrol(arguments: argparse.Namespace) -> int:
             print_json(told)
         else:
             print(plain("no patrol is under way" if told is None else patrol_in_words(told)))
+        return 0
+
+    return with_client(arguments, work)
+
+
+def home_after(arguments: argparse.Namespace) -> int:
+    """Say how long the head is left where it is before it goes home."""
+
+    async def work(client: Client) -> int:
+        after_s = await client.home_after(arguments.after)
+        if arguments.json:
+            print_json({"after_s": after_s})
+        else:
+            print(home_after_in_words(after_s))
         return 0
 
     return with_client(arguments, work)

@@ -22,6 +22,8 @@ from ptzd.control.shadow import NOT_TOLD
 from ptzd.control.work import Work, seconds
 from ptzd.model import Outcome
 
+NEVER_NS = 1 << 62
+"""From when on a head goes home that is told not to by itself: a word that changes that finds its claim."""
 MAX_RESCANS = 1
 """A target that was found and lost is searched for once more from the beginning."""
 
@@ -45,7 +47,8 @@ class Authority:
         """When the head goes home if nothing comes between; None when it does not."""
         if self.memory.holder is not None or not self.memory.serving:
             return None
-        return next((claim.from_ns for claim in self.memory.claims if claim.rank == Rank.HOME), None)
+        found = next((claim.from_ns for claim in self.memory.claims if claim.rank == Rank.HOME), None)
+        return None if found == NEVER_NS else found
 
     def apply(self, step: Step) -> None:
         """Go on as the holder's activity answered."""
@@ -264,11 +267,17 @@ class Authority:
             self.memory.holder = None
 
     def plan_homing(self) -> None:
-        """Go home after the configured quiet time, unless the head is there or an operator holds it."""
+        """Go home after some quiet, unless the head is there or an operator holds it."""
         self.forget_homing()
         if not self.work.head.held and not is_there(self.work.config, self.work.head.reading):
-            from_ns = self.work.t_ns + seconds(self.work.config.home.idle_s)
+            after_s = self.work.home_after_s
+            from_ns = NEVER_NS if after_s is None else self.work.t_ns + seconds(after_s)
             self.memory.claims.append(Claim(owner="home", rank=Rank.HOME, activity=Home(), from_ns=from_ns))
+
+    def replan_homing(self) -> None:
+        """Where the head is to go home by itself, count its quiet anew from now."""
+        if any(claim.rank == Rank.HOME for claim in self.memory.claims):
+            self.plan_homing()
 
     def forget_homing(self) -> None:
         """The head stays where it is."""

@@ -15,6 +15,7 @@ from ptzd.model import (
     HeadPose,
     HeadReading,
     HeadSpeed,
+    HomeAfter,
     LeaseHeld,
     Lens,
     Matcher,
@@ -211,6 +212,15 @@ class ReplyPatrol(Command):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ReplyHomeAfter(Command):
+    """Answer whoever said how long the head is left where it is."""
+
+    token: int
+    after_s: float | None
+    """What holds now; None: it does not go home by itself."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PublishFeedback(Command):
     """One step of a request, for ``roi/<id>/feedback`` and the log."""
 
@@ -247,6 +257,8 @@ class PublishStatus(Command):
     """Where an operator sent it."""
     patrol: PatrolShown | None = None
     """The one under way."""
+    home_after: HomeAfter | None = None
+    """As somebody said while the daemon ran; None: as the settings say."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,7 +10,19 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from ptzd.model import Box, FrameRef, HeadLimits, HeadPose, HeadReading, Lens, MatchResult, Motion, RegionAsked, ViewRef
+from ptzd.model import (
+    Box,
+    FrameRef,
+    HeadLimits,
+    HeadPose,
+    HeadReading,
+    HomeAfter,
+    Lens,
+    MatchResult,
+    Motion,
+    RegionAsked,
+    ViewRef,
+)
 
 
 class Device(StrEnum):
@@ -223,6 +235,16 @@ class PatrolDue(Event):
     """Empty: none."""
     since: str
     """When its window of the schedule began, as UTC; empty: none. Names the window."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HomeAfterAsked(Event):
+    """Somebody says how long the head is left where it is before it goes home."""
+
+    token: int | None
+    """Names the query to answer; None for a put."""
+    after: HomeAfter | None
+    """None: as the settings say."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,7 +7,7 @@ from enum import StrEnum
 
 from ptzd.control.motor import Travel
 from ptzd.control.planning.span import Span
-from ptzd.model import HeadLimits, HeadReading, HeadSpeed, Lens, Motion
+from ptzd.model import HeadLimits, HeadReading, HeadSpeed, HomeAfter, Lens, Motion
 
 
 class Awaited(StrEnum):
@@ -58,6 +58,8 @@ class HeadState:
     motion: Motion = Motion.UNKNOWN
     held: bool = False
     """An operator keeps it where it is: no claim begins, and no hold ends."""
+    home_after: HomeAfter | None = None
+    """How long it is left where it is, where somebody said so; None: as the settings say."""
     asked: HeadWork | None = None
     matches: list[MatchWork] = field(default_factory=list)
     going: int | None = None

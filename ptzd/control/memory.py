@@ -141,6 +141,7 @@ class Memory:
             shadow=shadow,
             goto=None if self.goto is None else self.goto.shown(held=self.head.held),
             patrol=self.patrol_shown,
+            home_after=self.head.home_after,
         )
 
     @property

@@ -48,6 +48,20 @@ class Operator:
             else:
                 self._home(event)
 
+    def on_home_after(self, event: ev.HomeAfterAsked) -> None:
+        """The head's quiet counts anew from now."""
+        self.work.head.home_after = event.after
+        self.authority.replan_homing()
+        if event.token is not None:
+            self.work.out.append(cmd.ReplyHomeAfter(token=event.token, after_s=self.work.home_after_s))
+
+    def on_settings(self, event: ev.SettingsChanged) -> None:
+        """Another ``home.idle_s`` is newer than what somebody said before."""
+        told = self.work.head.home_after
+        self.work.on_settings(event)
+        if told is not None and self.work.head.home_after is None:
+            self.authority.replan_homing()
+
     def on_stopped(self, event: ev.HeadStopped) -> None:
         """The camera stands."""
         del event
@@ -85,6 +99,7 @@ class Operator:
             ev.CancelReceived
             | ev.ControlReceived
             | ev.GotoAsked
+            | ev.HomeAfterAsked
             | ev.PatrolAsked
             | ev.LeaseAsked
             | ev.MoveAsked

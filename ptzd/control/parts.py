@@ -54,6 +54,7 @@ def parts_of(memory: Memory, work: Work) -> Parts:
         ev.MoveAsked: Moves(memory=memory, work=work, leases=leases, authority=authority).on_asked,
         ev.GotoAsked: Gotos(memory=memory, work=work, desk=desk, authority=authority).on_asked,
         ev.RangesAsked: Lessons(work=work).on_asked,
+        ev.HomeAfterAsked: operator.on_home_after,
         ev.PatrolAsked: patrols.on_asked,
         ev.PatrolDue: patrols.on_due,
         ev.FrameArrived: health.on_frame,
@@ -71,7 +72,7 @@ def parts_of(memory: Memory, work: Work) -> Parts:
         ev.MatchFinished: answers.on_match,
         ev.MatchFailed: answers.on_match_failed,
         ev.DeadlinePassed: answers.on_deadline,
-        ev.SettingsChanged: work.on_settings,
+        ev.SettingsChanged: operator.on_settings,
         ev.ShutdownRequested: operator.on_shutdown,
     }
     return Parts(answers=answers, operator=operator, handlers=handlers)

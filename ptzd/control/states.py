@@ -62,7 +62,7 @@ def _stays(states: frozenset[State], *events: type[ev.Event]) -> Table:
 
 def _table() -> Table:
     stopped = _stays(frozenset({State.STOPPED}), *_all_events())
-    return (
+    table = (
         _living()
         | _without_devices()
         | _serving()
@@ -74,6 +74,10 @@ def _table() -> Table:
         | _lock()
         | stopped
     )
+    for state in SERVING:
+        # whatever ends then: a head that is left no time where it is goes home at once
+        table[state, ev.DeadlinePassed] |= {State.HOME}
+    return table
 
 
 def _living() -> Table:
@@ -92,6 +96,7 @@ def _living() -> Table:
         ev.MatchFinished,
         ev.MatchFailed,
         ev.SettingsChanged,
+        ev.HomeAfterAsked,
         ev.RangesAsked,
     )
     for state in LIVING:

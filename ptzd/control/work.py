@@ -65,8 +65,16 @@ class Work:
         self.t_ns, self.out, self.spared, self.refusal = t_ns, [], [], None
 
     def on_settings(self, event: ev.SettingsChanged) -> None:
-        """Other settings hold from now on."""
-        self.config = with_parts(self.config, event.parts)
+        """Other settings hold from now on; another ``home.idle_s`` is newer than what somebody said before."""
+        before, self.config = self.config, with_parts(self.config, event.parts)
+        if before.home.idle_s != self.config.home.idle_s:
+            self.head.home_after = None
+
+    @property
+    def home_after_s(self) -> float | None:
+        """How long the head is left where it is before it goes home; None: it does not by itself."""
+        told = self.head.home_after
+        return self.config.home.idle_s if told is None else told.after_s
 
     @property
     def reach(self) -> Reach:

@@ -17,6 +17,7 @@ _MESSAGES = (
     ev.CancelReceived,
     ev.ControlReceived,
     ev.GotoAsked,
+    ev.HomeAfterAsked,
     ev.LeaseAsked,
     ev.PatrolAsked,
     ev.PayloadRefused,

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from ptzd.bus.decode import (
     MAX_PAYLOAD_BYTES,
     goto_event,
+    home_after_event,
     lease_event,
     move_event,
     patrol_event,
@@ -20,6 +21,7 @@ from ptzd.bus.decode import (
 )
 from ptzd.control.events import (
     GotoAsked,
+    HomeAfterAsked,
     LeaseAsked,
     LeaseWish,
     MoveAsked,
@@ -30,7 +32,7 @@ from ptzd.control.events import (
     UpdateReceived,
     ZoomWish,
 )
-from ptzd.model import Box
+from ptzd.model import Box, HomeAfter
 
 GOOD = {"id": "a-1", "box": {"x": 1, "y": 2.5, "w": 8, "h": 30}}
 FULL = {
@@ -139,6 +141,28 @@ def test_what_is_no_word_on_the_patrol_is_refused_by_its_field(payload, field):
     assert isinstance(event, PayloadRefused)
     assert event.field == field
     assert event.message.startswith("patrol: ")
+
+
+@pytest.mark.parametrize(
+    ("payload", "after"),
+    [
+        (b'{"after_s":0}', HomeAfter(after_s=0.0)),
+        (b'{"after_s":60.5}', HomeAfter(after_s=60.5)),
+        (b'{"after_s":"never"}', HomeAfter(after_s=None)),
+        (b'{"after_s":"settings"}', None),
+    ],
+)
+def test_how_long_the_head_is_left_where_it_is(payload, after):
+    assert home_after_event(payload, 5) == HomeAfterAsked(token=5, after=after)
+
+
+@pytest.mark.parametrize(
+    "payload", [b"{}", b'{"after_s":-1}', b'{"after_s":"soon"}', b'{"after_s":1e9}', b'{"after_s":null}']
+)
+def test_what_is_no_time_is_refused(payload):
+    event = home_after_event(payload, 5)
+    assert isinstance(event, PayloadRefused)
+    assert (event.field, event.message[:12]) == ("$.after_s", "home_after: ")
 
 
 def test_frame_by_time_and_range_without_an_end():

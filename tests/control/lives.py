@@ -15,7 +15,7 @@ from ptzd.control.activities.stop import STOP_GUARD_NS
 from ptzd.control.machine import Machine
 from ptzd.control.states import TRANSITIONS, WORKING, State
 from ptzd.control.work import MATCH_GUARD_NS
-from ptzd.model import Box, FrameRef, HeadLimits, HeadPose, HeadReading, Lens, Motion, ViewRef
+from ptzd.model import Box, FrameRef, HeadLimits, HeadPose, HeadReading, HomeAfter, Lens, Motion, ViewRef
 from tests.control.patrol_laws import PatrolLaws
 
 HOME = HeadReading(pan_deg=0.0, tilt_deg=0.0, zoom=1.0)
@@ -40,6 +40,7 @@ def plain(kind: type[ev.Event], t_ns: int) -> ev.Event:
         ev.RangesAsked: {"token": 9},
         ev.MoveAsked: {"token": 9, "wish": ev.MoveWish.TO, "owner": "somebody"},
         ev.GotoAsked: {"token": 9, "place": "gate"},
+        ev.HomeAfterAsked: {"token": 9, "after": None},
         ev.PatrolAsked: {"token": 9, "wish": ev.PatrolWish.START, "patrol": "night"},
         ev.PatrolDue: {"patrol": "night", "since": "2026-03-01T21:00:00Z"},
         ev.FrameArrived: {"frame": frame},
@@ -219,6 +220,11 @@ class Life:
             )
         )
 
+    def _home_after(self) -> None:
+        """Somebody says how long the head is left where it is."""
+        after = self.pick([None, HomeAfter(after_s=None), HomeAfter(after_s=0.0), HomeAfter(after_s=60.0)])
+        self.tell(ev.HomeAfterAsked(token=self.pick([None, self._token()]), after=after))
+
     def _due(self) -> None:
         """A window of the schedule begins or ends."""
         patrol, since = self.pick([("", ""), ("night", "1"), ("night", "2"), ("far", "3"), ("nowhere", "4")])
@@ -397,6 +403,7 @@ class Life:
                 | cmd.ReplyGoto()
                 | cmd.ReplyRanges()
                 | cmd.ReplyPatrol()
+                | cmd.ReplyHomeAfter()
             ):
                 self.answered[command.token] = self.answered.get(command.token, 0) + 1
             case _:

@@ -18,7 +18,7 @@ UNLIKELY = (
     "well_ptz", "well_fisheye", "lost", "frame", "refused", "update", "cancel", "control", "head_fails", "match_fails",
     "late_answer", "polled", "foreign", "early_deadline", "wait", "start",
     "settings", "ranges", "lease", "lease", "lease", "hand", "hand", "hand", "polled", "lens_answers",
-    "goto", "goto", "patrol", "patrol", "patrol", "due",
+    "goto", "goto", "patrol", "patrol", "patrol", "due", "home_after",
 )  # fmt: skip
 ACTIONS = [*LIKELY * 8, *UNLIKELY]
 
