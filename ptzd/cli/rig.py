@@ -13,7 +13,7 @@ import msgspec
 from rich.table import Table
 
 from ptzd.cli import terminal
-from ptzd.plain import plain_lines
+from ptzd.plain import plain, plain_lines
 
 if TYPE_CHECKING:
     from ptzd.app.loading import Loaded
@@ -61,6 +61,26 @@ def _draw_zones(arguments: argparse.Namespace, loaded: Loaded) -> None:
         pixels = decode_bgr(asyncio.run(fisheye_picture(loaded)))
     write_picture(arguments.zones, zone_sheet(loaded, pixels))
     print(f"zones        drawn into {arguments.zones}")
+
+
+def presets(arguments: argparse.Namespace) -> int:
+    """Print the camera's own presets as places, or write them into a new file; exit 1 when some are left out."""
+    from ptzd.app.importing import import_presets
+    from ptzd.app.loading import load
+
+    out: Path | None = arguments.out
+    if out is not None and out.exists():
+        print(f"{out} exists and stays as it is; give another --out and copy what you want", file=sys.stderr)
+        return 1
+    imported = asyncio.run(import_presets(load(arguments.config)))
+    for sentence in imported.left_out:
+        print(plain(sentence), file=sys.stderr)
+    if out is None:
+        print(imported.text(), end="")
+    else:
+        out.write_text(imported.text())
+        print(f"{out}: {len(imported.places)} places")
+    return 1 if imported.left_out else 0
 
 
 def sim(arguments: argparse.Namespace) -> int:

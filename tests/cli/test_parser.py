@@ -10,7 +10,8 @@ from ptzd.cli.parser import box, count, interval, parser
 from ptzd.model import Box
 
 COMMANDS = ("demo", "run", "check", "sim", "aim", "status", "watch", "stop", "home", "hold", "release", "ls", "cancel",
-            "goto", "patrol", "home-after", "locate", "plan", "replay", "log", "schema", "states")  # fmt: skip
+            "presets", "goto", "patrol", "home-after",
+            "locate", "plan", "replay", "log", "schema", "states")  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from ptzd.errors import DeviceGarbled, DeviceRefused
 from ptzd.model import HeadReading
 
+_PRESET = re.compile(r"presetposno(\d{1,5})=(.*)")
 SHOWN_CHARACTERS = 80
 """How much of a strange answer a message quotes."""
 _PAN_DEG, _TILT_DEG, _ZOOM, _LENS = 360.0, 180.0, 20_000.0, 100_000.0
@@ -112,6 +114,14 @@ def position(reply: Reply) -> HeadReading:
         tilt_deg=_number(fields, "tilt", -_TILT_DEG, _TILT_DEG),
         zoom=_number(fields, "zoom", 0.0, _ZOOM),
     )
+
+
+def preset_names(reply: Reply) -> dict[int, str]:
+    """``query=presetposcam``: a headline, then a line for each, e.g. ``presetposno1=Home``."""
+    _refuse_html(reply)
+    _refuse_errors(reply)
+    found = (_PRESET.fullmatch(line.strip()) for line in reply.text.splitlines())
+    return {int(match[1]): match[2].strip() for match in found if match is not None}
 
 
 def limits(reply: Reply) -> CameraLimits:

@@ -117,6 +117,12 @@ def stops(camera: int) -> tuple[Request[None], ...]:
     )
 
 
+def preset_names(camera: int) -> Request[dict[int, str]]:
+    """Names of the positions that the camera keeps, by number."""
+    params = (("query", "presetposcam"), ("camera", str(camera)))
+    return Request(path=PTZ, params=params, parse=answers.preset_names)
+
+
 def parameters(*groups: str) -> Request[Parameters]:
     """Values of parameter groups."""
     params = (("action", "list"), ("group", ",".join(groups)))
