@@ -119,7 +119,7 @@ class Site:
             return
         left, top = max(round(area[0]), 0), max(round(area[1]), 0)
         right, bottom = min(round(area[2]), VIEW_PX[0]), min(round(area[3]), VIEW_PX[1])
-        if left >= right or top >= bottom:
+        if right - left < 2 or bottom - top < 2:
             return
         pixels = np.stack(np.meshgrid(np.arange(left, right), np.arange(top, bottom)), axis=-1)
         seen, shift = self.rig.lift_from_view(pixels, reading), self.rig.head_from_fisheye_translation

@@ -12,7 +12,7 @@ from ptzd.config import Ranges, Search
 from ptzd.control import commands as cmd
 from ptzd.control.events import CancelReceived, RangesAsked
 from ptzd.control.machine import Machine
-from ptzd.control.planning.decision import Thresholds, Verdict, decide
+from ptzd.control.planning.decision import Prior, Thresholds, Verdict, decide
 from ptzd.control.planning.ranges import RangeLock, RangeMap
 from ptzd.geometry.sphere import bearing
 from ptzd.model import Box, Candidate, Matcher, MatchResult, Outcome
@@ -300,15 +300,15 @@ places = st.lists(st.tuples(st.floats(0.0, 1.0), st.integers(1, 40)), max_size=5
 densities = st.lists(st.floats(0.25, 80.0), min_size=41, max_size=41)
 
 
-@given(seen=places, known=densities, accept=st.floats(0.3, 0.95))
-def test_a_map_never_makes_an_answer_found_nor_surer(seen, known, accept: float) -> None:
+@given(seen=places, known=densities, accept=st.floats(0.3, 0.95), of_place=st.booleans())
+def test_a_map_never_makes_an_answer_found_nor_surer(seen, known, accept: float, of_place: bool) -> None:
     candidates = tuple(place(score, s / 40) for score, s in sorted(seen, reverse=True))
     result = MatchResult(
         matcher=Matcher.SWEEP, texture=9.0, candidates=candidates, coverage=(0.0, 1.0), seed=1, elapsed_ms=1.0
     )
     thresholds = Thresholds(accept_probability=accept)
     alone = decide([(0, result)], thresholds)
-    with_map = decide([(0, result)], thresholds, lambda s: known[round(s * 40)])
+    with_map = decide([(0, result)], thresholds, Prior(density=lambda s: known[round(s * 40)], of_place=of_place))
     assert with_map.probability <= alone.probability
     assert with_map.best == alone.best
     assert with_map.rivals == alone.rivals
@@ -325,4 +325,19 @@ def test_a_clear_picture_is_believed_whatever_the_map_says(known) -> None:
         matcher=Matcher.SWEEP, texture=9.0, candidates=(place(0.97, 0.5), place(0.3, 0.1)), coverage=(0.0, 1.0), seed=1,
         elapsed_ms=1.0,
     )  # fmt: skip
-    assert decide([(0, result)], Thresholds(), lambda s: known[round(s * 40)]).outcome is Verdict.FOUND
+    prior = Prior(density=lambda s: known[round(s * 40)], of_place=True)
+    assert decide([(0, result)], Thresholds(), prior).outcome is Verdict.FOUND
+
+
+def test_of_two_alike_the_one_where_nothing_stands_must_lead_clearly() -> None:
+    def outcome(lead: float, of_place: bool) -> Verdict:
+        seen = MatchResult(
+            matcher=Matcher.SWEEP, texture=9.0, candidates=(place(0.93, 0.5), place(0.93 - lead, 0.1)),
+            coverage=(0.0, 1.0), seed=1, elapsed_ms=1.0,
+        )  # fmt: skip
+        assert decide([(0, seen)], Thresholds()).outcome is Verdict.FOUND
+        prior = Prior(density=lambda s: 20.0 if s == 0.1 else 0.25, of_place=of_place)
+        return decide([(0, seen)], Thresholds(), prior).outcome
+
+    assert [outcome(0.08, of_place) for of_place in (True, False)] == [Verdict.AMBIGUOUS] * 2
+    assert [outcome(0.2, of_place) for of_place in (True, False)] == [Verdict.FOUND] * 2

@@ -10,7 +10,7 @@ from ptzd.control.activities.activity import Activity, Failure, Next, Over, Step
 from ptzd.control.activities.lock import Lock
 from ptzd.control.events import ZoomWish
 from ptzd.control.head_state import Awaited
-from ptzd.control.planning.decision import Decision, Thresholds, Verdict, decide
+from ptzd.control.planning.decision import Decision, Prior, Thresholds, Verdict, decide
 from ptzd.control.planning.first_look import likeliest_first
 from ptzd.control.planning.neighbourhood import band_rad, neighbourhood
 from ptzd.control.planning.prior import expected_on_arc
@@ -166,15 +166,21 @@ class Scan(Activity, kw_only=True, tag="scan"):
                 self.doubt, self.doubt_probability = decision.reason, decision.probability
                 self._set_out(work, closer)
                 return None
-        by_pictures = self._decide(work, by_map=False) if decision.against_the_map else decision
-        return self._found(by_pictures) or self._refused(decision)
+        last_word = self._decide(work, last=True) if decision.against_the_map else decision
+        return self._found(last_word) or self._refused(last_word)
 
-    def _decide(self, work: Work, *, by_map: bool = True) -> Decision:
-        """What the pictures say; the map may doubt a first round, of a closer look they have the last word."""
+    def _decide(self, work: Work, *, last: bool = False) -> Decision:
+        """What the pictures say, and the map against them.
+
+        A place where nothing was expected is doubted until it was looked at closely, or nobody can. Of two that look
+        alike, the map's must be behind clearly.
+        """
         results = [(match.view, match.result) for match in self.matches]
         thresholds = Thresholds(accept_probability=work.config.search.accept_probability)
-        expected = expected_on_arc(work, self.task.request) if by_map and self.round == 1 else None
-        return decide(results, thresholds, None if expected is None else expected.density)
+        expected = expected_on_arc(work, self.task.request)
+        if expected is None:
+            return decide(results, thresholds)
+        return decide(results, thresholds, Prior(density=expected.density, of_place=self.round == 1 and not last))
 
     def _found(self, decision: Decision) -> Next | None:
         """Go on to the lock, if the region was recognised."""
@@ -204,6 +210,7 @@ class Scan(Activity, kw_only=True, tag="scan"):
         request = self.task.request
         places = [] if decision.best is None else [decision.best, *(rival.candidate for rival in decision.rivals)]
         alike = [place for place in places if place.score >= RIVAL_SHARE * places[0].score]
+        self.task.alike |= len(alike) > 1
         if len(alike) > MAX_RIVALS:
             return []
         narrowest = work.rig.zoom.hfov_range_rad[0]

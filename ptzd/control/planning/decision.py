@@ -75,8 +75,14 @@ class Decision:
     """The pictures alone would have it found; what is known of the scene's ranges speaks for another place."""
 
 
-Density = Callable[[float], float]
-"""How much likelier an inverse range is by the map of the scene than if nothing were known."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prior:
+    """What a map of the scene's ranges has to say; it can only make an answer less sure, never one `found`."""
+
+    density: Callable[[float], float]
+    """How much likelier an inverse range is by the map than if nothing were known."""
+    of_place: bool
+    """Whether a place is doubted for want of a surface there; if not, only against a rival that stands on one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,9 +125,7 @@ right ones but believes scores near chance, which the scenes hardly hold; so the
 ``harris`` is 1.3 lower than fitted: its fit was too confident on the warehouse."""
 
 
-def decide(
-    results: Sequence[tuple[int, MatchResult]], thresholds: Thresholds, density: Density | None = None
-) -> Decision:
+def decide(results: Sequence[tuple[int, MatchResult]], thresholds: Thresholds, prior: Prior | None = None) -> Decision:
     """Decide where a region is.
 
     Parameters
@@ -130,8 +134,8 @@ def decide(
         Index of the view and what the matcher says of it; all of one region and one matcher.
     thresholds : Thresholds
         When to believe.
-    density : callable, optional
-        What the map of the scene's ranges says. It can only make an answer less sure, never one `found`.
+    prior : Prior, optional
+        What is known of the scene's ranges.
 
     Returns
     -------
@@ -157,20 +161,20 @@ def decide(
         rivals=rivals,
         reason=reason,
     )
-    if density is None or outcome is not Verdict.FOUND:
+    if prior is None or outcome is not Verdict.FOUND:
         return decision
-    return _with_map(decision, MODELS[results[0][1].matcher], thresholds, density)
+    return _with_map(decision, MODELS[results[0][1].matcher], thresholds, prior)
 
 
-def _with_map(found: Decision, model: Model, thresholds: Thresholds, density: Density) -> Decision:
+def _with_map(found: Decision, model: Model, thresholds: Thresholds, prior: Prior) -> Decision:
     """What was found, less sure where the map expects the target elsewhere."""
     if found.best is None:
         return found
-    here = density(found.best.inverse_range)
-    doubt = min(math.log(here), 0.0)
+    here = prior.density(found.best.inverse_range)
+    doubt = min(math.log(here), 0.0) if prior.of_place else 0.0
     chances = [model.probability(found.best, found.rivals[0].candidate.score if found.rivals else 0.0, doubt)]
     for rival in found.rivals:
-        for_rival = min(math.log(here / density(rival.candidate.inverse_range)), 0.0)
+        for_rival = min(math.log(here / prior.density(rival.candidate.inverse_range)), 0.0)
         chances.append(model.probability(found.best, rival.candidate.score, doubt, for_rival))
     probability = min(chances)
     if probability >= thresholds.accept_probability:
