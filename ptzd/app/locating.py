@@ -14,10 +14,12 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from ptzd.calibration.file import load_rig
-from ptzd.config import Limits, Search
+from ptzd.config import Config, Limits, Search
 from ptzd.control.admission import check_box
 from ptzd.control.planning.decision import Decision, Thresholds, Verdict, decide, direction_sigma_rad
+from ptzd.control.planning.reach import reach_of
 from ptzd.control.planning.views import ScanPlan, plan_views
+from ptzd.control.planning.zones import zones_of
 from ptzd.control.wording import range_in_words, scaled
 from ptzd.documents import DocumentError, parse_json, read_text
 from ptzd.errors import DeviceGarbled, PtzdError, RequestRefused
@@ -25,6 +27,7 @@ from ptzd.geometry.arc import EpipolarArc
 from ptzd.geometry.rig import Rig
 from ptzd.geometry.sphere import bearing
 from ptzd.geometry.types import pixel_angle_rad
+from ptzd.geometry.zones import Zone
 from ptzd.jpeg.pixels import decode_file
 from ptzd.matching.job import MatchInputs, match
 from ptzd.model import Box, HeadLimits, HeadReading, Matcher, MatchResult
@@ -160,21 +163,24 @@ def found(located: Located) -> bool:
 
 
 def plan(
-    *, calibration: Path, box: Box, zoom: float, range_m: tuple[float, float], limits: Limits | None = None
+    *, calibration: Path, box: Box, zoom: float, range_m: tuple[float, float], config: Config | None = None
 ) -> tuple[ScanPlan, Rig]:
     """Views that show the whole arc of a box at one zoom, for a head that looks straight ahead, and the rig.
 
-    Without limits the head turns without end; with those of the settings it stays within them.
+    Without settings the head turns without end; with them it stays within their limits and outside their zones.
     """
     rig = load_rig(calibration)
-    _checked(box, rig)
+    zones = () if config is None else zones_of(config, rig)
+    _checked(box, rig, zones)
+    limits = None if config is None else config.limits
     if limits is not None and not limits.zoom[0] <= zoom <= limits.zoom[1]:
         raise DataError(f"--zoom {zoom:g}: limits.zoom allows {limits.zoom[0]:g} to {limits.zoom[1]:g}")
     within = limits or Limits()
-    reach = HeadLimits(pan_deg=within.pan_deg, tilt_deg=within.tilt_deg, zoom=(zoom, zoom), endless_pan=limits is None)
+    head = HeadLimits(pan_deg=within.pan_deg, tilt_deg=within.tilt_deg, zoom=(zoom, zoom), endless_pan=limits is None)
+    reach = reach_of(head, rig, zones) if zones else None
     present = HeadReading(pan_deg=0.0, tilt_deg=0.0, zoom=zoom)
     hfov_rad = rig.zoom.camera_at(zoom).hfov_rad
-    return plan_views(rig, box, inverse_interval(range_m), reach, present, hfov_rad=hfov_rad), rig
+    return plan_views(rig, box, inverse_interval(range_m), head, present, hfov_rad=hfov_rad, reach=reach), rig
 
 
 def draw(located: Located) -> NDArray[np.uint8]:
@@ -198,9 +204,9 @@ def draw(located: Located) -> NDArray[np.uint8]:
     return np.hstack(padded).astype(np.uint8)
 
 
-def _checked(box: Box, rig: Rig) -> None:
+def _checked(box: Box, rig: Rig, zones: tuple[Zone, ...] = ()) -> None:
     try:
-        check_box(box, rig, ())
+        check_box(box, rig, zones)
     except RequestRefused as refused:
         raise DataError(f"--box: {refused.message}") from None
 

@@ -54,12 +54,13 @@ def write_picture(path: Path, pixels: NDArray[np.uint8]) -> None:
 
 def plan(arguments: argparse.Namespace) -> int:
     """List the views of a scan."""
+    config = None if arguments.config is None else load_config(arguments.config)
     planned, rig = locating.plan(
         calibration=arguments.calibration,
         box=arguments.box,
         zoom=arguments.zoom,
         range_m=arguments.range,
-        limits=None if arguments.config is None else load_config(arguments.config).limits,
+        config=config,
     )
     views = [
         {
@@ -76,8 +77,9 @@ def plan(arguments: argparse.Namespace) -> int:
         for number, view in enumerate(views, 1):
             print(f"{number}: " + ", ".join(f"{name} {value:g}" for name, value in view.items()))
     if planned.unreachable:
+        outside = " and outside the zones" if config is not None and config.zones else ""
         missing = planned.unreachable_in_words(metric=rig.metric)
-        print(f"ptzd: no pose within the limits shows {missing}", file=sys.stderr)
+        print(f"ptzd: no pose within the limits{outside} shows {missing}", file=sys.stderr)
     return 0 if views else 1
 
 

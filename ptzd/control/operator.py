@@ -8,6 +8,7 @@ from ptzd.control import commands as cmd
 from ptzd.control import events as ev
 from ptzd.control.activities.activity import Over
 from ptzd.control.activities.goto import Goto
+from ptzd.control.activities.home import home_of
 from ptzd.control.activities.lock import Lock
 from ptzd.control.authority import Authority
 from ptzd.control.desk import Desk
@@ -40,6 +41,8 @@ class Operator:
         elif event.verb is ev.Verb.HOME and (lease := self.memory.lease) is not None:
             message = f"{lease.owner} has the head for himself; it goes home when he gives it back"
             self.work.out.append(cmd.ReplyRefused(token=event.token, code="leased", message=message, field="$"))
+        elif event.verb is ev.Verb.HOME and (closed := self._way_home_closed()) is not None:
+            self.work.out.append(cmd.ReplyRefused(token=event.token, code="zone", message=closed, field="$"))
         else:
             self.work.abandon()
             self.authority.end_all(Outcome.CANCELLED, f"the operator asked for {event.verb}")
@@ -129,6 +132,14 @@ class Operator:
         stop = self.authority.stop_under_way
         if self.memory.ptz != WELL and stop is not None:
             self.desk.answer_stops(stop.take_tokens(), self.memory.ptz)
+
+    def _way_home_closed(self) -> str | None:
+        """Why the head does not go home; None when nothing is known that keeps it from there."""
+        limits, home = self.work.head.limits, home_of(self.work.config)
+        if limits is None or not limits.contains(home):
+            return None
+        way = self.work.way_to(home)
+        return way if isinstance(way, str) else None
 
     def _home(self, event: ev.ControlReceived) -> None:
         """Stops nothing but goes there at once."""

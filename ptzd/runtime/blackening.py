@@ -6,6 +6,7 @@ import logging
 import math
 from functools import lru_cache
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -15,7 +16,7 @@ from ptzd.geometry.outline import Outline
 from ptzd.geometry.rig import Rig
 from ptzd.geometry.types import Array, CameraModel, Mask
 from ptzd.geometry.zones import STEP_RAD, Zone, along, covers
-from ptzd.jpeg.pixels import Pixels, decode_bgr, encode_jpeg
+from ptzd.jpeg.pixels import decode_bgr, encode_jpeg
 from ptzd.model import HeadReading
 
 SPACING_RAD = math.radians(0.3)
@@ -104,15 +105,14 @@ def blackened(jpeg: bytes, mask: Mask) -> bytes:
     if not mask.any():
         return jpeg
     try:
-        pixels: Pixels = decode_bgr(jpeg).copy()
+        pixels = decode_bgr(jpeg)
     except DeviceGarbled as error:
         _log.warning("a picture that may show a privacy zone is damaged and is left black: %s", error)
         return encode_jpeg(np.zeros((*mask.shape, 3), dtype=np.uint8))
-    if pixels.shape[:2] == mask.shape:
-        pixels[mask] = 0
-    else:
-        pixels[:] = 0
-    return encode_jpeg(pixels)
+    if pixels.shape[:2] != mask.shape:
+        return encode_jpeg(np.zeros_like(pixels))
+    kept = cv2.copyTo(pixels, np.logical_not(mask).view(np.uint8))
+    return encode_jpeg(np.asarray(kept, dtype=np.uint8))
 
 
 class HeadScreen:

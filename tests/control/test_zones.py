@@ -147,7 +147,7 @@ def beside(make_world, *zones: HeadZone):
 
 def test_a_way_that_is_closed_is_refused_told_and_leaves_the_head_at_rest(make_world) -> None:
     world = beside(make_world, *SCREEN)
-    world.tell(ev.ControlReceived(token=7, verb=ev.Verb.HOME))
+    world.run(20.0)  # it would go home of its own accord
     (refused,) = world.of(cmd.RefuseMove)
     assert refused.target == HeadReading(pan_deg=0.0, tilt_deg=0.0, zoom=1.0)
     assert refused.reason.startswith(
@@ -155,6 +155,16 @@ def test_a_way_that_is_closed_is_refused_told_and_leaves_the_head_at_rest(make_w
     )
     assert world.of(cmd.MoveHead) == []
     assert world.machine.state is State.IDLE
+
+
+def test_whoever_asks_for_home_behind_a_closed_way_is_told_and_what_runs_goes_on(make_world) -> None:
+    world = beside(make_world, *SCREEN)
+    world.request("a", box=Box(x=120, y=230, w=40, h=32))
+    world.tell(ev.ControlReceived(token=7, verb=ev.Verb.HOME))
+    (refused,) = world.of(cmd.ReplyRefused)
+    assert (refused.token, refused.code) == (7, "zone")
+    assert "no way leads around the no_go zones" in refused.message
+    assert world.machine.state is State.SCAN
 
 
 def test_a_request_behind_a_closed_way_ends_with_the_reason(make_world) -> None:
