@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+from dataclasses import replace
 
 import msgspec
 import numpy as np
@@ -238,6 +239,20 @@ zone_settings = st.lists(
 )
 
 
+def steered(world: TrueHead, chance: random.Random) -> None:
+    """Somebody takes the head, turns it this way and that with and without a pause, sends it somewhere, and goes."""
+    world.tell(ev.LeaseAsked(token=None, wish=ev.LeaseWish.TAKE, owner="desk", for_s=60.0))
+    for _ in range(chance.randint(1, 5)):
+        speed = {"pan_deg_s": chance.uniform(-90, 90), "tilt_deg_s": chance.uniform(-80, 80)}
+        for _ in range(chance.randint(1, 12)):
+            world.tell(ev.MoveAsked(token=None, owner="desk", wish=ev.MoveWish.SPEED, zoom_rate=0.0, **speed))
+            world.run(chance.choice([0.1, 0.1, 0.2, 0.5]))
+    place = {"pan_deg": chance.uniform(-80, 80), "tilt_deg": chance.uniform(-15, 15)}
+    world.tell(ev.MoveAsked(token=None, owner="desk", wish=ev.MoveWish.TO, **place))
+    world.run(chance.choice([0.2, 2.0]))
+    world.tell(ev.LeaseAsked(token=None, wish=ev.LeaseWish.GIVE, owner="desk"))
+
+
 @settings(max_examples=25, deadline=None)
 @given(
     zones=zone_settings,
@@ -253,6 +268,7 @@ def test_nothing_enters_a_no_go_zone_by_the_simulators_truth(rig, config, zones,
         tilt_deg=(-89.0 + cut[1], 19.0) if endless else (-19.0, 89.0 - cut[1]),
         zoom=(1.0, 9999.0),
         endless_pan=endless,
+        top_deg_s=(100.0, 90.0),
     )
     rest = Home(pan_deg=home[0], tilt_deg=home[1], idle_s=0.5)
     chosen = msgspec.structs.replace(config, zones=zones, home=rest)
@@ -263,7 +279,7 @@ def test_nothing_enters_a_no_go_zone_by_the_simulators_truth(rig, config, zones,
     chance = random.Random(seed)
     for number in range(12):
         world.tell(ev.FrameArrived(frame=world.frame()))
-        act = chance.choice(["request", "request", "request", "update", "stop", "home", "cancel"])
+        act = chance.choice(["request", "request", "request", "update", "stop", "home", "cancel", "hand", "hand"])
         name = f"r{number}"
         if act == "request":
             box = Box(x=chance.uniform(120, 480), y=chance.uniform(90, 350), w=40, h=32)
@@ -273,6 +289,8 @@ def test_nothing_enters_a_no_go_zone_by_the_simulators_truth(rig, config, zones,
         elif act == "update":
             box = Box(x=chance.uniform(120, 480), y=chance.uniform(90, 350), w=40, h=32)
             world.tell(ev.UpdateReceived(id=f"r{number - 1}", box=box))
+        elif act == "hand":
+            steered(world, chance)
         elif act == "cancel":
             world.tell(ev.CancelReceived(token=None, id=f"r{number - 1}"))
         else:
@@ -280,6 +298,39 @@ def test_nothing_enters_a_no_go_zone_by_the_simulators_truth(rig, config, zones,
         world.run(chance.choice([0.1, 0.3, 0.6, 1.5, 4.0]))
     world.run(10.0)
     assert world.trespassed() == []
+
+
+def test_steered_towards_a_zone_it_slows_down_and_stops_before_it_by_the_truth(rig, config) -> None:
+    zone = window(40.0, 0.0, 8.0)
+    limits = replace(V5915, top_deg_s=(100.0, 90.0))
+    world = TrueHead(rig, msgspec.structs.replace(config, zones=(zone,)), profile="v5915", limits=limits, seed=3)
+    world.start()
+    world.tell(ev.LeaseAsked(token=1, wish=ev.LeaseWish.TAKE, owner="desk", for_s=60.0))
+    world.run(1.0)
+    for _ in range(60):
+        asked = ev.MoveAsked(
+            token=2, owner="desk", wish=ev.MoveWish.SPEED, pan_deg_s=60.0, tilt_deg_s=0.0, zoom_rate=0.0
+        )
+        world.tell(asked)
+        world.run(0.1)
+    assert world.trespassed() == []
+    replies = [told for told in world.done if isinstance(told, cmd.ReplyMove)]
+    assert replies[-1].slowed_by == "zones window"
+    assert replies[0].pan_deg_s > 10.0
+    assert replies[-1].pan_deg_s < 1.0
+    assert 25.0 < world.poses[-1].pan_deg < 32.0, "it gets near, and no nearer"
+
+
+def test_a_move_by_hand_into_a_zone_is_refused_by_its_name(make_world) -> None:
+    world = make_world(zones=(window(40.0, 0.0, 8.0),))
+    world.start()
+    world.tell(ev.LeaseAsked(token=1, wish=ev.LeaseWish.TAKE, owner="desk", for_s=60.0))
+    world.run(1.0)
+    world.tell(ev.MoveAsked(token=2, owner="desk", wish=ev.MoveWish.TO, pan_deg=40.0, tilt_deg=0.0))
+    refused = world.of(cmd.ReplyRefused)[-1]
+    assert (refused.token, refused.code, refused.field) == (2, "zone", "$.to")
+    assert refused.message == "pan 40.00°, tilt 0.00° is in the no_go zone window"
+    assert world.of(cmd.MoveHead) == []
 
 
 def test_the_truth_would_tell_of_a_trespass(rig, config) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import random
 
 import numpy as np
@@ -52,7 +53,8 @@ class TrueHead:
         place = (config.home.pan_deg, config.home.tilt_deg, config.home.zoom)
         self.head = Head(dataclasses.replace(camera, home=place), seed=seed, t_s=self.t_s)
         self.told_s = self.t_s - 1.0
-        self.asked: cmd.MoveHead | cmd.GrabView | cmd.StopHead | None = None
+        self.asked: cmd.MoveHead | cmd.SteerHead | cmd.GrabView | cmd.StopHead | None = None
+        self.steered_until_ns: int | None = None
         self.jobs: list[cmd.RunMatch] = []
         self.done: list[cmd.Command] = []
         self.poses: list[HeadReading] = []
@@ -100,6 +102,8 @@ class TrueHead:
             self.t_s += TICK_S / 5
             true = self.head.optical(self.t_s)
             self.poses.append(HeadReading(pan_deg=true.pan_deg, tilt_deg=true.tilt_deg, zoom=max(true.zoom, 1.0)))
+        if self.steered_until_ns is not None and self.t_ns >= self.steered_until_ns:
+            self._turn(0.0, 0.0)  # the dead man
         rests = self.head.rest_s(self.t_s) <= self.t_s - REST_S and self.told_s <= self.t_s - REST_S
         motion = Motion.STABLE if rests else Motion.MOVING
         self.tell(ev.HeadPolled(reading=self.reading(), motion=motion))
@@ -115,7 +119,7 @@ class TrueHead:
     def _answer(self) -> None:
         asked, self.asked = self.asked, None
         match asked:
-            case cmd.MoveHead():
+            case cmd.MoveHead() | cmd.SteerHead():
                 self.tell(ev.HeadArrived(move_id=asked.move_id, reading=self.reading()))
             case cmd.GrabView():
                 view = ViewRef(frame=self.frame(), reading=self.reading(), sigma_deg=0.01)
@@ -127,11 +131,15 @@ class TrueHead:
         match command:
             case cmd.MoveHead():
                 target = command.target
-                self.asked, self.told_s = command, self.t_s
+                self.asked, self.told_s, self.steered_until_ns = command, self.t_s, None
                 self.head.submit(self.t_s, MoveTo(pan=target.pan_deg, tilt=target.tilt_deg, zoom=target.zoom))
+            case cmd.SteerHead():
+                self.asked = command
+                self._turn(command.speed.pan_deg_s, command.speed.tilt_deg_s)
+                self.steered_until_ns = command.until_ns
             case cmd.StopHead():
-                self.asked, self.told_s = command, self.t_s
-                self.head.submit(self.t_s, Turn(pan_percent=0.0, tilt_percent=0.0))
+                self.asked = command
+                self._turn(0.0, 0.0)
             case cmd.GrabView():
                 self.asked = command
             case cmd.RunMatch():
@@ -140,3 +148,15 @@ class TrueHead:
                 self.jobs.clear()
             case _:
                 pass
+
+    def _turn(self, pan_deg_s: float, tilt_deg_s: float) -> None:
+        self.told_s, self.steered_until_ns = self.t_s, None
+        camera = self.head.profile
+
+        def percent(speed: float, top: float) -> float:
+            return math.copysign(100.0 * min(abs(speed) / top, 1.0) ** (1.0 / camera.continuous_exponent), speed)
+
+        order = Turn(
+            pan_percent=percent(pan_deg_s, camera.pan.v_max), tilt_percent=percent(tilt_deg_s, camera.tilt.v_max)
+        )
+        self.head.submit(self.t_s, order)

@@ -123,7 +123,8 @@ class Reach:
 
         Each leg is free however its axes run, by the whole rectangle between its ends; the first one excepted when the
         head itself stands in a zone (zones and calibrations change, others move it): then it leaves by the shortest
-        way. All legs but the last keep ``zoom``.
+        way. All legs but the last keep ``zoom``, or are at the widest where privacy zones are about; corners in these
+        are a last resort.
 
         Parameters
         ----------
@@ -139,6 +140,7 @@ class Reach:
         grid = self._closed
         if grid is None:
             raise AssertionError("a leg that is not free without zones")
+        zoom = self.widest if self.privacy else zoom
         start = HeadReading(pan_deg=here.pan_deg[0], tilt_deg=here.tilt_deg[0], zoom=zoom)
         pan, tilt, _ = self.moved_off(np.array([start.pan_deg]), np.array([start.tilt_deg]), self.widest)
         inside = grid.owner_at(np.array(start.pan_deg), np.array(start.tilt_deg)) >= 0
@@ -146,7 +148,7 @@ class Reach:
         if inside:
             start = replace(start, pan_deg=float(pan[0]), tilt_deg=float(tilt[0]))
             leave = (start,)
-        cells = grid.walk(start, end)
+        cells = (self._shut.walk(start, end) if self._shut is not None else None) or grid.walk(start, end)
         if cells is None:
             return None
         return leave + self._tight([start, *(grid.pose(cell, zoom) for cell in cells[1:-1]), end])
