@@ -53,6 +53,24 @@ def test_the_same_file_again_changes_nothing(running: Loaded) -> None:
     assert str(found) == "settings read again: nothing changed"
 
 
+def test_places_patrols_and_their_hours_change_while_it_runs(running: Loaded) -> None:
+    place = {"azimuth_deg": 10.0, "elevation_deg": 0.0, "hfov_deg": 20.0}
+    presets = {
+        "places": {"gate": place},
+        "patrols": {"night": [{"place": "gate", "dwell_s": 5.0}]},
+        "time_zone": "Europe/Berlin",
+        "schedule": [{"patrol": "night", "from": "22:00", "until": "06:00"}],
+    }
+    (running.path.parent / "presets.yaml").write_text(yaml.safe_dump(presets))
+    found = read_again(running)
+    assert found.taken == ("presets.places", "presets.patrols", "presets.time_zone", "presets.schedule")
+    assert found.loaded.config == load(running.path).config
+    assert str(read_again(found.loaded)) == "settings read again: nothing changed"
+    (running.path.parent / "presets.yaml").write_text("places: {gate: 3}")
+    with pytest.raises(ConfigError, match=r"presets.yaml: places.gate: Expected `object`"):
+        read_again(found.loaded)
+
+
 def test_what_can_change_does_and_the_rest_is_named(running: Loaded, change: Change) -> None:
     change(
         rig="other",

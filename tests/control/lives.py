@@ -15,50 +15,14 @@ from ptzd.control.activities.stop import STOP_GUARD_NS
 from ptzd.control.machine import Machine
 from ptzd.control.states import TRANSITIONS, WORKING, State
 from ptzd.control.work import MATCH_GUARD_NS
-from ptzd.model import Box, FrameRef, HeadLimits, HeadPose, HeadReading, HomeAfter, Lens, Motion, ViewRef
+from ptzd.model import FrameRef, HeadLimits, HeadPose, HeadReading, HomeAfter, Lens, Motion, ViewRef
+from tests.control.deadline_law import check_deadline
+from tests.control.lease_laws import LeaseLaws
 from tests.control.patrol_laws import PatrolLaws
+from tests.control.plain_events import BOX, HOME, SECOND_NS, plain
 
-HOME = HeadReading(pan_deg=0.0, tilt_deg=0.0, zoom=1.0)
-BOX = Box(x=330, y=230, w=40, h=32)
-STALE = 999_999
-"""An id that no command had."""
-SECOND_NS = 1_000_000_000
 PEOPLE = ("desk", "gate")
-
-
-def plain(kind: type[ev.Event], t_ns: int) -> ev.Event:
-    """One event of a kind, of which the core expects nothing."""
-    frame = FrameRef(seq=1, t_capture_ns=t_ns)
-    limits = HeadLimits(pan_deg=(-170, 170), tilt_deg=(-80, 80), zoom=(1, 9999), top_deg_s=(100, 90), focus=(770, 9999))
-    fields: dict[type[ev.Event], dict[str, object]] = {
-        ev.RequestReceived: {"token": 9, "id": "new", "box": BOX},
-        ev.PayloadRefused: {"token": 9, "code": "invalid", "message": "no", "field": "$"},
-        ev.UpdateReceived: {"id": "a", "box": BOX},
-        ev.CancelReceived: {"token": 9, "id": "a"},
-        ev.ControlReceived: {"token": 9, "verb": ev.Verb.STOP},
-        ev.LeaseAsked: {"token": 9, "wish": ev.LeaseWish.TAKE, "owner": "somebody"},
-        ev.RangesAsked: {"token": 9},
-        ev.MoveAsked: {"token": 9, "wish": ev.MoveWish.TO, "owner": "somebody"},
-        ev.GotoAsked: {"token": 9, "place": "gate"},
-        ev.HomeAfterAsked: {"token": 9, "after": None},
-        ev.PatrolAsked: {"token": 9, "wish": ev.PatrolWish.START, "patrol": "night"},
-        ev.PatrolDue: {"patrol": "night", "since": "2026-03-01T21:00:00Z"},
-        ev.FrameArrived: {"frame": frame},
-        ev.HeadReady: {"limits": limits, "reading": HOME},
-        ev.DeviceLost: {"device": ev.Device.PTZ, "reason": "no answer"},
-        ev.DeviceWell: {"device": ev.Device.PTZ},
-        ev.HeadPolled: {"reading": HOME, "motion": Motion.STABLE},
-        ev.ForeignMotion: {"reading": HOME},
-        ev.HeadArrived: {"move_id": STALE, "reading": HOME},
-        ev.HeadStalled: {"move_id": STALE, "reading": HOME, "reason": "blocked"},
-        ev.LensAnswered: {"lens_id": STALE},
-        ev.ViewTaken: {"grab_id": STALE, "view": ViewRef(frame=frame, reading=HOME, sigma_deg=0.01)},
-        ev.ViewMissed: {"grab_id": STALE, "reason": "the camera stands elsewhere"},
-        ev.MatchFailed: {"match_id": STALE, "reason": "broken"},
-    }
-    if kind is ev.MatchFinished:
-        return ev.MatchFinished(match_id=STALE, result=None)  # type: ignore[arg-type]  # not looked at
-    return kind(**fields.get(kind, {}))
+MOVING = WORKING | {State.HOME, State.MANUAL, State.GOTO, State.PATROL}
 
 
 class Life:
@@ -79,9 +43,6 @@ class Life:
         self.accepted: set[str] = set()
         self.pinned: set[str] = set()
         self.ended: dict[str, int] = {}
-        self.by: dict[str, str] = {}
-        self.lent: dict[str, str] = {}
-        self.heard_ns = self.until_ns = 0
         self.answered: dict[int, int] = {}
         self.head: cmd.MoveHead | cmd.SteerHead | cmd.GrabView | None = None
         self.lenses: list[int] = []
@@ -89,6 +50,7 @@ class Life:
         self.stop_sent_ns: int | None = None
         self.stands = False
         self.seq = 0
+        self.leases = LeaseLaws()
         self.patrols = PatrolLaws()
 
     # what may come
@@ -310,9 +272,6 @@ class Life:
     def _wait(self) -> None:
         self.t_ns += round(self.pick([0.05, 0.5, 2.0]) * SECOND_NS)
 
-    def _shutdown(self) -> None:
-        self.tell(ev.ShutdownRequested())
-
     def _token(self) -> int:
         return next(self.tokens)
 
@@ -326,9 +285,9 @@ class Life:
     # what must hold
 
     def tell(self, event: ev.Event) -> None:
-        before, owner = self.machine.state, self._owner()
+        before, owner = self.machine.state, self.leases.owner(self)
         commands = self.machine.handle(event, self.t_ns)
-        self._check_lease(event, owner, commands)
+        self.leases.check(self, event, owner, commands)
         self.told.append((event, self.t_ns))
         self.done += commands
         self.lenses += [command.lens_id for command in commands if isinstance(command, cmd.SetLens)]
@@ -336,7 +295,9 @@ class Life:
         self._note_event(event)
         for command in commands:
             self._note(command, event)
-        self._check_deadline()
+        moves = [type(told) for told in commands if isinstance(told, cmd.MoveHead | cmd.SteerHead | cmd.StopHead)]
+        assert not moves or moves[-1] is cmd.StopHead or self.machine.state in MOVING, "nothing moves without a holder"
+        check_deadline(self)
         self.patrols.check(self, event, commands)
 
     def _note_event(self, event: ev.Event) -> None:
@@ -420,68 +381,6 @@ class Life:
             assert self.machine.state is State.MANUAL
             assert command.until_ns - self.t_ns <= 0.3 * SECOND_NS, "a speed ends by itself"
 
-    def _owner(self) -> str | None:
-        lease = self.status.lease
-        return None if lease is None else lease.owner
-
-    def _check_lease(self, event: ev.Event, before: str | None, commands: list[cmd.Command]) -> None:
-        """Nobody else's request moves a leased head; only its owner, a higher rank or time ends the lease."""
-        if any(isinstance(command, cmd.PinFrame) for command in commands) and isinstance(event, ev.RequestReceived):
-            self.by[event.id] = event.by
-        new = [command for command in commands if isinstance(command, cmd.PublishStatus)]
-        after = before if not new else None if new[-1].lease is None else new[-1].lease.owner
-        if before is not None and after == before and not isinstance(event, ev.LeaseAsked | ev.MoveAsked):
-            asked = [command for command in commands if isinstance(command, cmd.MoveHead)]
-            active = (new[-1] if new else self.status).active
-            if active is None:  # it may begin and end at once, when its time is over
-                active = next((told.id for told in commands if isinstance(told, cmd.PublishFeedback)), None)
-            goto = (new[-1] if new else self.status).goto
-            if asked and goto is not None and active is None:
-                assert goto.by == before, "only what he asked for moves"
-            else:
-                assert not asked or self.by[active] in {before, self.lent.get(active)}, "only what he asked for moves"
-            if active is not None:
-                self.lent[active] = before
-        silent = self.t_ns >= self.heard_ns + self.machine.config.lease.silence_s * SECOND_NS
-        ends = isinstance(event, ev.ShutdownRequested) or silent or self.t_ns >= self.until_ns
-        refused = any(isinstance(command, cmd.ReplyRefused) for command in commands)
-        if isinstance(event, ev.LeaseAsked) and event.owner == after and not refused:
-            self.heard_ns = self.t_ns
-        if isinstance(event, ev.MoveAsked):
-            moved = any(isinstance(command, cmd.MoveHead | cmd.SteerHead) for command in commands)
-            assert not moved or event.owner == before, "nobody else's hand moves it"
-            over = any(isinstance(command, cmd.ReplyRefused) and command.code == "lost" for command in commands)
-            if event.owner == after and not over:
-                self.heard_ns = self.t_ns
-        if before is not None and after != before and isinstance(self.head, cmd.SteerHead) and self._serving(event):
-            assert any(isinstance(command, cmd.StopHead) for command in commands), "a hand that lets go stops the head"
-        if new and new[-1].lease is not None:
-            self.until_ns = new[-1].lease.until_ns
-        told = isinstance(event, ev.LeaseAsked) and (event.owner == before or event.rank > 0)
-        assert after == before or before is None or ends or told, (
-            "a lease ends by its owner, a higher rank, or its time"
-        )
-        assert after is None or self.machine.state is not State.HOME, "nobody goes home while it is somebody's"
-
-    def _serving(self, event: ev.Event) -> bool:
-        return self.status.ptz == "well" and not isinstance(event, ev.DeviceLost)
-
-    def _goes(self, status: cmd.PublishStatus) -> bool:
-        """Whether an operator's goto wants its time: while it is kept at its place by `hold` it does not."""
-        goto = status.goto
-        return goto is not None and (goto.there_ns is None or not status.held)
-
-    def _check_deadline(self) -> None:
-        """Armed exactly while something is under way; the only thing besides is going home after a while."""
-        deadline, status = self.machine.deadline_ns(), self.status
-        under_way = bool(self.matches) or self.stop_sent_ns is not None or status.active is not None or status.queue
-        if any(isinstance(command, cmd.Finished) for command in self.done):
-            assert deadline is None
-        elif under_way or self.machine.state in WORKING | {State.HOME} or status.lease or self._goes(status):
-            assert deadline is not None
-        elif self.machine.state is not State.IDLE and status.patrol is None:
-            assert deadline is None
-
     @property
     def status(self) -> cmd.PublishStatus:
         empty = cmd.PublishStatus(state=State.STARTING, active=None, phase="", queue=(), fisheye="", ptz="", held=False)
@@ -491,7 +390,7 @@ class Life:
         """A patrol goes on; then the daemon ends, and now everything must have been answered, once."""
         self.patrols.resume(self)
         if self.machine.state is not State.STOPPED:
-            self._shutdown()
+            self.tell(ev.ShutdownRequested())
         for _ in range(3):
             self._deadline()
         assert len([command for command in self.done if isinstance(command, cmd.Finished)]) == 1

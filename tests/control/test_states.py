@@ -13,7 +13,7 @@ from ptzd.control import events as ev
 from ptzd.control.machine import Machine
 from ptzd.control.ranks import rank_mermaid
 from ptzd.control.states import SERVING, TRANSITIONS, WORKING, ImpossibleEvent, State, mermaid, transition_arrows
-from tests.control.lives import SECOND_NS, plain
+from tests.control.plain_events import SECOND_NS, plain
 
 KINDS = tuple(
     kind for kind in vars(ev).values() if isinstance(kind, type) and issubclass(kind, ev.Event) and kind is not ev.Event

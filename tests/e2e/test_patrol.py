@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import signal
 import sys
 
 import pytest
@@ -80,3 +81,18 @@ async def test_on_the_command_line(placed) -> None:
     code, said, error = await ptzd("patrol", "stop")
     assert (code, said) == (65, "")
     assert "no patrol is under way; start one" in error
+
+
+async def test_the_schedule_begins_it_and_other_settings_end_it(make_site) -> None:
+    """By the clock of the machine, whatever it shows: the window is the whole day."""
+    site = await make_site()
+    window = {"patrol": "night", "from": "00:00", "until": "24:00"}
+    presets = {"places": PLACES, "patrols": PATROLS, "time_zone": "Pacific/Auckland", "schedule": [window]}
+    (site.folder / "presets.yaml").write_text(yaml.safe_dump(presets))
+    await site.spawn(state="PATROL")
+    await site.until(lambda: at(site, "right"))
+    assert site.status.patrol.scheduled
+    (site.folder / "presets.yaml").write_text(yaml.safe_dump({"places": PLACES, "patrols": PATROLS}))
+    site.process.send_signal(signal.SIGHUP)
+    await site.until(lambda: site.status.patrol is None)
+    await site.until_state("HOME")
