@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 import msgspec
@@ -390,15 +389,3 @@ def test_a_picture_may_take_as_long_as_the_stream_may_be_silent(make_world, conf
         world.run(600.0, until=State.IDLE)
         waited[stall_s] = world.results()["a"][0].elapsed_ms
     assert waited[60.0] - waited[5.0] >= 55_000
-
-
-@pytest.mark.parametrize("certain", [True, False])
-def test_only_a_certain_answer_ends_a_scan_early(make_world, config, certain: bool) -> None:
-    search = msgspec.structs.replace(config.search, certain_probability=0.5 if certain else 1.0)
-    world = make_world(search=search)
-    world.start()
-    world.request("a", range_m=(0.6, math.inf), hold_s=0.0)
-    planned = next(step.detail["views"] for step in world.of(cmd.PublishFeedback) if step.step == "plan")
-    world.run(until=State.LOCK)
-    assert planned > 1
-    assert len(world.of(cmd.RunMatch)) < planned if certain else len(world.of(cmd.RunMatch)) >= planned
