@@ -38,7 +38,7 @@ from ptzd.errors import LogError
 from ptzd.evidence.illustrate import Illustrator
 from ptzd.log.run_info import RunInfo
 from ptzd.log.writer import McapLog
-from ptzd.model import ZoneKind
+from ptzd.model import HomeAfter, ZoneKind
 from ptzd.ports import Clock, FrameSource, PtzHead
 from ptzd.runtime.blackening import fisheye_mask
 from ptzd.runtime.clock import SteadyClock
@@ -254,6 +254,7 @@ def _status_extra(log: McapLog, daemon: Daemon | None, clock: Clock) -> Mapping[
     if daemon is None:
         return extra
     machine = daemon.pump.machine
+    extra["home_after"] = HomeAfter(after_s=machine.config.home.idle_s)
     extra["motor"] = motor_status(machine.travel, machine.config.motor, clock.now_ns())
     pose = daemon.head_watch.last_poll
     fisheye = daemon.fisheye_watch

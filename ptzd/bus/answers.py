@@ -237,7 +237,7 @@ def _fields(status: PublishStatus) -> dict[str, object]:
         "lease": status.lease,
         "goto": status.goto,
         "patrol": status.patrol,
-        "home_after": status.home_after,
+        **({} if status.home_after is None else {"home_after": status.home_after}),
     }
 
 

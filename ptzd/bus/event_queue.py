@@ -11,6 +11,7 @@ from ptzd.control.events import (
     ControlReceived,
     Event,
     GotoAsked,
+    HomeAfterAsked,
     LeaseAsked,
     MoveAsked,
     PatrolAsked,
@@ -24,6 +25,9 @@ REQUESTS = 64
 """Most requests and refusals waiting for the core."""
 URGENT = 64
 """Most operator's verbs waiting, and room for cancels beyond the requests: a flood of these keeps neither out."""
+
+PLACES = 32
+"""Room for an operator's places, patrols and the way home beyond the requests; cancels have more."""
 
 
 class EventQueue:
@@ -50,6 +54,9 @@ class EventQueue:
         lane, room = self._events, REQUESTS
         if isinstance(event, ControlReceived | LeaseAsked | MoveAsked):
             lane, room = self._urgent, URGENT
+        elif isinstance(event, GotoAsked | PatrolAsked | HomeAfterAsked):
+            # in order, for a stop takes them out; and beyond the requests, for a person wants it
+            room += PLACES
         elif isinstance(event, CancelReceived):
             # in order, for it must not overtake the request that it takes back
             room += URGENT

@@ -243,7 +243,7 @@ class Status(Outgoing, frozen=True):
     patrol: PatrolShown | None = None
     """The one under way."""
     home_after: HomeAfter | None = None
-    """As somebody said while the daemon ran; absent: as its settings say."""
+    """How long the head is left where it is before it goes home: as was said while the daemon ran, or as set."""
     devices: Document = msgspec.field(default_factory=dict)
     motor: MotorStatus | None = None
     pose: Pose | None = None

@@ -243,7 +243,7 @@ class ZenohBus:
     def _declare(self) -> tuple[Arrivals, ...]:
         keys, session = self._keys, self._session
         clock, replies = self._clock, self._replies
-        urgent = Arrivals(session, 64, clock)
+        urgent, places = Arrivals(session, 64, clock), Arrivals(session, 64, clock)
         requests = Arrivals(session, 64, clock, crowded=lambda: replies.crowded)
         reads = Arrivals(session, 256, clock, crowded=lambda: replies.crowded)
         updates = Arrivals(session, 64, clock, evict=True)
@@ -253,10 +253,11 @@ class ZenohBus:
             declare(keys.full("control/move"), self._core_handlers.on_move)
             for verb in Verb:
                 declare(keys.full(f"control/{verb}"), self._core_handlers.on_control(verb))
-        for declare in (requests.answer, requests.listen):
+        for declare in (places.answer, places.listen):
             declare(keys.full("control/goto"), self._core_handlers.on_goto)
             declare(keys.full("control/home_after"), self._core_handlers.on_home_after)
             declare(keys.full("control/patrol"), self._core_handlers.on_patrol)
+        for declare in (requests.answer, requests.listen):
             declare(keys.full("control/ranges"), self._core_handlers.on_ranges)
         requests.answer(keys.full("roi"), self._core_handlers.on_request)
         requests.listen(keys.full("roi"), self._core_handlers.on_request)
@@ -269,7 +270,7 @@ class ZenohBus:
         reads.answer(keys.of_all_requests("result"), self._answers.on_result)
         reads.answer(keys.full("calibration"), self._answers.on_calibration)
         reads.answer(keys.full("log"), self._answers.on_log)
-        return urgent, requests, updates, reads
+        return urgent, places, requests, updates, reads
 
     def _still_wanted(self, event: Event) -> bool:
         """An event whose query was told ``internal`` must not take effect any more; an operator's verb always does."""

@@ -130,7 +130,7 @@ def status(arguments: argparse.Namespace) -> int:
         if now.patrol is not None:
             console.print(f"patrol    {_said(patrol_in_words(now.patrol))}")
         if now.home_after is not None:
-            console.print(f"home      {home_after_in_words(now.home_after.after_s)}, as was said while the daemon ran")
+            console.print(f"home      {home_after_in_words(now.home_after.after_s)}")
         console.print(f"fisheye   {_said(now.fisheye)}")
         console.print(f"ptz       {_said(now.ptz)}")
         if now.pose is not None:

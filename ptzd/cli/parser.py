@@ -66,8 +66,10 @@ def quiet(text: str) -> float | str:
     """Parse seconds, ``never`` or ``settings``."""
     if text in {"never", "settings"}:
         return text
-    (value,) = _numbers(text, 1)
-    return value
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected seconds, never or settings, got {text!r}") from None
 
 
 def count(text: str) -> int:

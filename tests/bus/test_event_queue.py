@@ -2,8 +2,18 @@ from __future__ import annotations
 
 import pytest
 
-from ptzd.bus.event_queue import REQUESTS, URGENT, EventQueue
-from ptzd.control.events import CancelReceived, ControlReceived, Event, PayloadRefused, UpdateReceived, Verb
+from ptzd.bus.event_queue import PLACES, REQUESTS, URGENT, EventQueue
+from ptzd.control.events import (
+    CancelReceived,
+    ControlReceived,
+    Event,
+    GotoAsked,
+    PatrolAsked,
+    PatrolWish,
+    PayloadRefused,
+    UpdateReceived,
+    Verb,
+)
 from ptzd.model import Box
 
 
@@ -29,6 +39,17 @@ async def test_a_flood_leaves_room_for_the_operator():
     events = await drained(queue)
     assert events[:URGENT] == [stop] * URGENT
     assert events[URGENT:] == [refusal(n) for n in range(REQUESTS)]
+
+
+async def test_an_operators_place_finds_room_behind_a_flood_and_leaves_some_for_cancels():
+    queue = EventQueue(lambda _: True)
+    for n in range(REQUESTS):
+        queue.offer(refusal(n))
+    goto = GotoAsked(token=1, place="gate")
+    assert [queue.offer(goto) for _ in range(PLACES + 1)] == [True] * PLACES + [False]
+    assert not queue.offer(PatrolAsked(token=2, wish=PatrolWish.START, patrol="night"))
+    assert queue.offer(CancelReceived(token=3, id="a"))
+    assert queue.withdraw_requests() == [goto] * PLACES
 
 
 async def test_a_cancel_finds_room_and_stays_behind_the_request_that_it_takes_back():

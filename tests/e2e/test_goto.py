@@ -113,10 +113,10 @@ async def test_on_the_command_line(placed) -> None:
 async def test_how_long_the_head_is_left_where_it_is_changes_while_the_daemon_runs(placed) -> None:
     assert await placed.client.home_after("never") is None
     await placed.client.goto("left", hold_s=0.0)
-    await placed.until(lambda: placed.state == "IDLE" and placed.status.home_after is not None)
+    await placed.until(lambda: placed.state == "IDLE" and placed.status.goto is None)
     assert placed.status.home_after.after_s is None
     assert off_deg(placed, "left") < 0.1
     assert await placed.client.home_after(0.0) == 0.0
     await placed.until_state("HOME")
     assert await placed.client.home_after("settings") == 0.5
-    assert (await placed.client.status()).home_after is None
+    assert (await placed.client.status()).home_after.after_s == 0.5
