@@ -196,6 +196,8 @@ class Motor(Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Budget of the last hour; None: no end."""
     degrees_per_hour: Annotated[float, Meta(ge=1, le=10_000_000)] | None = None
     """The same for pan and tilt together."""
+    watch: bool = True
+    """Whether pictures are compared, to tell a stuck head and one that has lost its zero."""
     reserve: Annotated[float, Meta(ge=0, le=0.5)] = 0.2
     """Share of a budget that requests of the lowest priority leave to higher ones; patrols leave twice that."""
 

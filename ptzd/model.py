@@ -199,6 +199,33 @@ class ViewRef:
     """One sigma of the pose, deg on the sphere, timing and repeatability together."""
 
 
+class Turn(StrEnum):
+    """What two pictures say of the poses that were reported for them."""
+
+    AGREES = "agrees"
+    UNMOVED = "unmoved"
+    """The later one shows what the earlier one did, though the head is reported elsewhere."""
+    SLIPPED = "slipped"
+    """The later one looks elsewhere than is reported."""
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Turned:
+    """Two pictures at rest, compared with their reported poses."""
+
+    verdict: Turn
+    before: HeadReading
+    after: HeadReading
+    share: float = 0.0
+    """Of the blocks with structure, those that show the same as the verdict says."""
+    pan_off_deg: float = 0.0
+    """Where the later picture looks minus where it is reported; of ``SLIPPED`` only."""
+    tilt_off_deg: float = 0.0
+    turned: bool = False
+    """Whether the poses are far enough apart to tell standing from turning."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Candidate:
     """One place in one view where the region may be."""

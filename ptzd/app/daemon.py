@@ -159,6 +159,7 @@ async def _life(loaded: Loaded, stop: asyncio.Event, again: asyncio.Event, ready
             answering=lambda: notifier.ready(f"rig {config.rig} answers"),
             serving=ready,
             travel=await asyncio.to_thread(read_travel, motor_path(config)),
+            compare=perception.compare,
             ranges=await asyncio.to_thread(read_ranges, config, digest, clock.now_ns()),
             watching=(drift.seen,) if config.drift.monitor else (),
         )

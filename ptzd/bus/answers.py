@@ -234,6 +234,7 @@ def _fields(status: PublishStatus) -> dict[str, object]:
         "ptz": status.ptz,
         "held": status.held,
         "shadow": status.shadow,
+        "doubt": status.doubt,
         "lease": status.lease,
         "goto": status.goto,
         "patrol": status.patrol,

@@ -238,6 +238,8 @@ class Status(Outgoing, frozen=True):
     """Who has the head for himself."""
     shadow: bool = False
     """What is decided moves nothing."""
+    doubt: str = ""
+    """What speaks against the head: it is stuck, or has lost its zero; empty: nothing does."""
     goto: GotoShown | None = None
     """Where an operator sent it."""
     patrol: PatrolShown | None = None

@@ -119,6 +119,8 @@ def status(arguments: argparse.Namespace) -> int:
         console.print(
             f"active    {_said(now.active or '–')}    waiting {len(now.queue)}{'    held' if now.held else ''}"
         )
+        if now.doubt:
+            console.print(f"[bold red]head      {_said(now.doubt)}[/]")
         if now.shadow:
             where = now.pose.shadow if now.pose else None
             pose = f"; the head would be at {pose_in_words(where)}" if where else ""

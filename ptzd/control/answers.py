@@ -26,7 +26,7 @@ class Answers:
 
     def on_arrived(self, event: ev.HeadArrived) -> None:
         """The head rests at the target."""
-        self.work.came_to_rest(event.move_id)
+        self.work.came_to_rest(event.move_id, event.reading)
         if self.work.arrived(event.move_id, event.reading) and self.memory.holder is not None:
             self.authority.apply(self.memory.holder.activity.on_arrived(self.work))
 
@@ -40,7 +40,7 @@ class Answers:
 
     def on_stalled(self, event: ev.HeadStalled) -> None:
         """The head rests elsewhere."""
-        self.work.came_to_rest(event.move_id)
+        self.work.came_to_rest(event.move_id, event.reading)
         self.work.head.reading = event.reading
         if self.work.answers_head(Awaited.MOVE, event.move_id):
             self._failed(Awaited.MOVE, event.reason)

@@ -253,6 +253,8 @@ class PublishStatus(Command):
     """Who has the head for himself."""
     shadow: bool = False
     """What is decided moves nothing."""
+    doubt: str = ""
+    """What speaks against the head: it is stuck, or has lost its zero."""
     goto: GotoShown | None = None
     """Where an operator sent it."""
     patrol: PatrolShown | None = None

@@ -191,6 +191,8 @@ class Desk:
         if claim.task is None or over.outcome is None:
             raise AssertionError(f"the claim of {claim.owner} has no request to end")
         outcome, reason = as_shadow(claim.task, over.outcome, over.reason)
+        if (doubt := self.memory.head.doubts.words) != "":
+            reason = f"{reason}; beware, the head is in doubt: {doubt}"
         self._publish(self._result(claim.task, claim.activity, outcome, reason, over.probability))
         if isinstance(claim.activity, Lock):
             learn(self.work, claim.activity, outcome)

@@ -21,6 +21,7 @@ from ptzd.model import (
     MatchResult,
     Motion,
     RegionAsked,
+    Turned,
     ViewRef,
 )
 
@@ -337,6 +338,15 @@ class ViewMissed(Event):
 
     grab_id: int
     reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ViewsCompared(Event):
+    """Two pictures at rest were held against the poses that were reported for them."""
+
+    found: Turned
+    reference: bool
+    """The earlier one is the one kept of this very place."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+from ptzd.control.doubts import Doubts
 from ptzd.control.motor import Travel
 from ptzd.control.planning.span import Span
 from ptzd.model import HeadLimits, HeadReading, HeadSpeed, HomeAfter, Lens, Motion
@@ -68,6 +69,11 @@ class HeadState:
     lenses: list[LensWork] = field(default_factory=list)
     by_hand: Lens = field(default_factory=Lens)
     """What the camera does not set for itself."""
+    left: HeadReading | None = None
+    """Where it rested when the move under way was sent; None where it did not."""
+    headed: HeadReading | None = None
+    """Set point of that move."""
+    doubts: Doubts = field(default_factory=Doubts)
     moved_ns: int = 0
     """When the last move was asked for: a picture at rest after it shows where it led."""
     next_id: int = 1

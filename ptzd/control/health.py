@@ -46,6 +46,10 @@ class Health:
         if self.memory.serving and self.memory.holder is not None:
             self.authority.apply(self.memory.holder.activity.on_reading(self.work))
 
+    def on_compared(self, event: ev.ViewsCompared) -> None:
+        """Pictures follow the motors, or they do not."""
+        self.work.head.doubts.compared(event.found, reference=event.reference)
+
     def on_foreign_motion(self, event: ev.ForeignMotion) -> None:
         """Somebody else moves the head: it is left to them."""
         self.work.head.reading, self.work.head.span = event.reading, None

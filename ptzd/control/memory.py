@@ -139,6 +139,7 @@ class Memory:
             held=self.head.held,
             lease=None if self.lease is None else self.lease.shown(),
             shadow=shadow,
+            doubt=self.head.doubts.words,
             goto=None if self.goto is None else self.goto.shown(held=self.head.held),
             patrol=self.patrol_shown,
             home_after=self.head.home_after,

@@ -90,7 +90,7 @@ class Spent:
 
 
 def share_of(rank: int, motor: Motor) -> float:
-    """How much of a budget a rank may find used and still begin; infinite for a person, a stop and the way home.
+    """How much of a budget a rank may find used and still begin; infinite for people, a stop and the way home.
 
     Requests of priority 9 may use all of it, those of priority 0 leave ``motor.reserve`` to the higher ones, and what
     ranks below every request leaves twice that.

@@ -62,6 +62,7 @@ def parts_of(memory: Memory, work: Work) -> Parts:
         ev.DeviceLost: health.on_lost,
         ev.DeviceWell: health.on_well,
         ev.HeadPolled: health.on_polled,
+        ev.ViewsCompared: health.on_compared,
         ev.ForeignMotion: health.on_foreign_motion,
         ev.HeadArrived: answers.on_arrived,
         ev.HeadStalled: answers.on_stalled,

@@ -93,6 +93,7 @@ def _living() -> Table:
         ev.LensAnswered,
         ev.ViewTaken,
         ev.ViewMissed,
+        ev.ViewsCompared,
         ev.MatchFinished,
         ev.MatchFailed,
         ev.SettingsChanged,

@@ -141,6 +141,8 @@ class Work:
             self.head.travel.spared += 1
             self.out.append(cmd.SpareMove(move_id=number, target=target))
             return
+        rested = self.head.going is None and self.head.motion is Motion.STABLE
+        self.head.left, self.head.headed = (self.head.reading if rested else None), target
         self.head.going = number
         self.head.travel.move(self.t_ns)
         self._note_order(target)
@@ -179,10 +181,13 @@ class Work:
             and near_deg > 0
         )
 
-    def came_to_rest(self, move_id: int | None) -> None:
+    def came_to_rest(self, move_id: int | None, rests: HeadReading | None = None) -> None:
         """It is known where the move led, or the head was told to stand."""
-        if move_id is None or move_id == self.head.going:
-            self.head.going = None
+        head = self.head
+        if move_id is None or move_id == head.going:
+            if head.left is not None and head.headed is not None and rests is not None:
+                head.doubts.came(head.left, head.headed, rests)
+            head.going = head.left = head.headed = None
 
     def drifting(self) -> Span:
         """Where a head that is steered may be by now: it goes on for a while at the speed that it was told."""

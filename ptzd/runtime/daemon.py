@@ -23,11 +23,12 @@ from ptzd.errors import DeviceError
 from ptzd.geometry.rig import Rig
 from ptzd.model import HeadReading, Motion
 from ptzd.outgoing import Pose, ShadowPose
-from ptzd.ports import Bus, Clock, EventLog, FrameSource, HeadPoll, Perception, PtzHead
+from ptzd.ports import Bus, Clock, EventLog, FrameSource, HeadPoll, Perception, Picture, PtzHead
 from ptzd.runtime.attachments import hfov_deg
 from ptzd.runtime.frames import FrameStore
 from ptzd.runtime.gallery import Gallery
 from ptzd.runtime.hands import Hands
+from ptzd.runtime.motor_watch import Compare, MotorWatch
 from ptzd.runtime.narrator import Narrator
 from ptzd.runtime.overlays import Overlays
 from ptzd.runtime.pump import Pump
@@ -60,6 +61,8 @@ class Daemon:
         What the motors had gone before.
     ranges : RangeMap, optional
         What locks have taught before.
+    compare : callable, optional
+        Holds two pictures of the PTZ against their poses; without it nobody watches whether they agree.
     watching : sequence of callables
         Shown every step of the core, after the log: its number, event and commands.
     """
@@ -79,6 +82,7 @@ class Daemon:
         serving: Callable[[], None] = _nothing,
         travel: Travel | None = None,
         ranges: RangeMap | None = None,
+        compare: Compare | None = None,
         watching: Sequence[Callable[[int, ev.Event, list[cmd.Command]], None]] = (),
     ) -> None:
         self._rig = rig
@@ -92,6 +96,11 @@ class Daemon:
         machine = Machine(rig, config, Memory(head=HeadState(travel=travel or Travel()), ranges=ranges or RangeMap()))
         observers = (self.overlays.seen, Narrator().seen, self._watch_readiness, *watching)
         self.pump = Pump(machine=machine, clock=clock, log=log, bus=bus, frames=self.frames, observers=observers)
+        self._motor_watch: MotorWatch | None = None
+        if compare is not None:
+            wanted = lambda: machine.config.motor.watch  # noqa: E731
+            self._motor_watch = MotorWatch(compare, self.pump.tell, self.frames, wanted)
+            self.pump.observers += (self._motor_watch.seen,)
         self.fisheye_watch = FisheyeWatch(
             source=fisheye,
             tell=self.pump.tell,
@@ -101,7 +110,7 @@ class Daemon:
             shown=self.gallery.show_fisheye,
         )
         self.head_watch = HeadWatch(
-            head=head, tell=self.pump.tell, log=log, polled=self._publish_pose, shown=self.gallery.show_ptz
+            head=head, tell=self.pump.tell, log=log, polled=self._publish_pose, shown=self._show_view
         )
         self._hands = self.pump.hands = Hands(
             tell=self.pump.tell,
@@ -122,8 +131,9 @@ class Daemon:
             Run as long as the daemon does; what they raise ends it.
         """
         self.pump.cut_log()
+        watching = () if self._motor_watch is None else (self._motor_watch.run,)
         tasks = [
-            *(asyncio.create_task(work()) for work in beside),
+            *(asyncio.create_task(work()) for work in (*beside, *watching)),
             asyncio.create_task(self.fisheye_watch.run(), name="fisheye"),
             asyncio.create_task(self.head_watch.run(), name="head"),
             asyncio.create_task(self._listen(), name="bus"),
@@ -153,6 +163,11 @@ class Daemon:
     def adopt(self, config: Config) -> None:
         """Let the core go on with the parts of these settings that may change; a new log file begins with them."""
         self.pump.tell(ev.SettingsChanged(parts=core_parts(config)))
+
+    def _show_view(self, picture: Picture, reading: HeadReading, motion: Motion) -> None:
+        self.gallery.show_ptz(picture, reading, motion)
+        if self._motor_watch is not None:
+            self._motor_watch.shown(picture, reading, motion)
 
     async def _listen(self) -> None:
         async for event in self._bus.events():

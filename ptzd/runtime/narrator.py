@@ -26,6 +26,7 @@ _MESSAGES = (
 REFUSALS = 10
 """Lines about refusals within :data:`REFUSALS_NS`; what is beyond is counted and told afterwards."""
 REFUSALS_NS = 10_000_000_000
+CURE = "restart the camera, at its start it finds its zero (VAPIX has no other call for that), and look at its mount"
 STILL_NS = 5_000_000_000
 """Without a foreign motion for so long, the next one is told again."""
 
@@ -38,6 +39,7 @@ class Narrator:
         self._since_ns = 0
         self._refusals = 0
         self._moved_ns: int | None = None
+        self._doubt = ""
         self._lease: LeaseHeld | None = None
         self._goto: GotoShown | None = None
         self._patrol: PatrolShown | None = None
@@ -71,6 +73,7 @@ class Narrator:
         for command in commands:
             self._tell(t_ns, command, event)
             if isinstance(command, cmd.PublishStatus):
+                self._tell_doubt(command.doubt)
                 self._tell_lease(command.lease)
                 self._tell_goto(command.goto)
                 self._tell_patrol(command.patrol)
@@ -98,6 +101,14 @@ class Narrator:
                 self._state = command.state
             case _:
                 pass
+
+    def _tell_doubt(self, doubt: str) -> None:
+        before, self._doubt = self._doubt, doubt
+        extra = {"device": ev.Device.PTZ}
+        if doubt and doubt.partition(":")[0] != before.partition(":")[0]:
+            _log.error("the head is in doubt: %s; %s", doubt, CURE, extra=extra)
+        elif before and not doubt:
+            _log.warning("the head is believed again: its pictures show what it reports", extra=extra)
 
     def _tell_lease(self, lease: LeaseHeld | None) -> None:
         before, self._lease = self._lease, lease

@@ -17,7 +17,8 @@ from ptzd.errors import MatchError, PtzdError
 from ptzd.geometry.rig import Rig
 from ptzd.jpeg.pixels import decode_grey
 from ptzd.matching.job import MatchInputs, match
-from ptzd.model import MatchResult
+from ptzd.matching.turned import compare
+from ptzd.model import HeadReading, MatchResult, Turned
 
 
 class ThreadPerception:
@@ -46,6 +47,21 @@ class ThreadPerception:
         """Run one match; see :class:`ptzd.ports.Perception`."""
         loop = asyncio.get_running_loop()
         return await loop.run_in_executor(self._executor, self.match_now, job, fisheye_jpeg, view_jpeg)
+
+    async def compare(self, before: bytes, at: HeadReading, after: bytes, then: HeadReading) -> Turned:
+        """Hold two pictures against their poses; MatchError as for matches."""
+        loop = asyncio.get_running_loop()
+        return await loop.run_in_executor(self._executor, self._compare_now, before, at, after, then)
+
+    def _compare_now(self, before: bytes, at: HeadReading, after: bytes, then: HeadReading) -> Turned:
+        try:
+            return compare(self._rig, decode_grey(before), at, decode_grey(after), then)
+        except PtzdError:
+            raise
+        except Exception as error:
+            # The same boundary: arithmetic on other people's pictures.
+            what = " ".join(str(error).split())
+            raise MatchError(f"comparing two views failed: {type(error).__name__}: {what}") from error
 
     def match_now(self, job: RunMatch, fisheye_jpeg: bytes, view_jpeg: bytes) -> MatchResult:
         """Do the same in the calling thread: what replay uses.

@@ -47,7 +47,7 @@ class Pump:
         self._log = log
         self._bus = bus
         self._frames = frames
-        self._observers = observers
+        self.observers = observers
         self._waiting: deque[ev.Event] = deque()
         self._draining = False
         self._sequence = 0
@@ -83,7 +83,7 @@ class Pump:
             self._log.command(self._sequence, t_ns, command)
         for command in commands:
             self._perform(command)
-        for observer in self._observers:
+        for observer in self.observers:
             observer(t_ns, event, commands)
         if self._log.rotate_due() or isinstance(event, ev.SettingsChanged):
             self.cut_log()

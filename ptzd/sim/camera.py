@@ -116,6 +116,7 @@ class AxisCamera:
         self._server.ready = False
         await self.network.be_away(boot_s)
         self.gate.forget_nonces()
+        self.unit.head.find_zero(clock.now_s())
         self.unit.go_home("start-up")
         await clock.sleep_until(clock.now_s() + boot_s / 2)
         self._server.restarted()

@@ -56,7 +56,9 @@ class FaultKind(StrEnum):
     RECALIBRATE = "recalibrate"
     """The head drives into its stops and comes back."""
     KNOCK = "knock"
-    """The head is bumped: it points `pan`, `tilt` degrees off its encoders from now on."""
+    """The head is bumped: it points `pan`, `tilt` degrees off its encoders, until a reboot finds its zero again."""
+    STUCK = "stuck"
+    """The motors turn and report, the optics stand: a gear that does not grip any more, until the next reboot."""
     FORGET_NONCES = "forget_nonces"
     """Every digest nonce given out is stale."""
     PARAMETER = "parameter"
@@ -64,7 +66,7 @@ class FaultKind(StrEnum):
 
 
 ONCE_KINDS = frozenset({
-    FaultKind.UNPLUG, FaultKind.REBOOT, FaultKind.FOREIGN_MOVE, FaultKind.RECALIBRATE, FaultKind.KNOCK,
+    FaultKind.UNPLUG, FaultKind.REBOOT, FaultKind.FOREIGN_MOVE, FaultKind.RECALIBRATE, FaultKind.KNOCK, FaultKind.STUCK,
     FaultKind.FORGET_NONCES, FaultKind.PARAMETER, FaultKind.PRESET, FaultKind.ROLE, FaultKind.GUESSES,
 })  # fmt: skip
 """Happen once at their time."""

@@ -110,6 +110,8 @@ class Head:
         self._scatter = {"pan": _Offset(t_s), "tilt": _Offset(t_s)}
         self._knocked = {"pan": _Offset(t_s), "tilt": _Offset(t_s)}
         self._knock = {"pan": 0.0, "tilt": 0.0}
+        self._stuck: tuple[float, float, float] | None = None
+        """From when on the optics stand, and where in pan and tilt."""
         self._zoom_jitter = [(t_s, 0)]
         self._pending: deque[tuple[float, Order, float]] = deque()
         self._last_start_s = -math.inf
@@ -199,6 +201,8 @@ class Head:
         self.advance(t_s)
         pan = self.axes["pan"].optical(t_s) + self._error("pan", t_s)
         tilt = self.axes["tilt"].optical(t_s) + self._error("tilt", t_s)
+        if self._stuck is not None and t_s >= self._stuck[0]:
+            pan, tilt = self._stuck[1:]
         return Pose(pan_deg=self._wrapped(pan), tilt_deg=tilt, zoom=self.axes["zoom"].optical(t_s))
 
     def reported(self, t_s: float) -> Pose:
@@ -219,6 +223,16 @@ class Head:
         for name, shift in (("pan", pan_deg), ("tilt", tilt_deg)):
             self._knock[name] += shift
             self._knocked[name].go(t_s, t_s + 0.05, self._knock[name])
+
+    def stick(self, t_s: float) -> None:
+        """From now on the motors turn and the optics stand."""
+        pose = self.optical(t_s)
+        self._stuck = (t_s, pose.pan_deg, pose.tilt_deg)
+
+    def find_zero(self, t_s: float) -> None:
+        """As at a start: the encoders say again where the optics point, and the gears grip."""
+        self._stuck = None
+        self.shift_zero(t_s, -self._knock["pan"], -self._knock["tilt"])
 
     def _wrapped(self, pan: float) -> float:
         return math.remainder(pan, 360.0) if self.profile.pan.endless else pan

@@ -63,6 +63,8 @@ class Programs:
                 self._unit.force(MoveTo(pan=fault.pan, tilt=fault.tilt, zoom=fault.zoom), ANOTHER_USER.name)
             case FaultKind.KNOCK:
                 self._unit.head.shift_zero(now_s, fault.pan or 0.0, fault.tilt or 0.0)
+            case FaultKind.STUCK:
+                self._unit.head.stick(now_s)
             case FaultKind.FORGET_NONCES:
                 self._gate.forget_nonces()
             case FaultKind.PRESET:
@@ -108,4 +110,5 @@ class Programs:
             unit.force(MoveTo(pan=pan, tilt=tilt, zoom=1), "recalibration")
             while unit.head.busy(clock.now_s()):
                 await clock.sleep_until(clock.now_s() + HEARTBEAT_S)
+        unit.head.find_zero(clock.now_s())
         unit.force(MoveTo(pan=before.pan_deg, tilt=before.tilt_deg, zoom=before.zoom), "recalibration")

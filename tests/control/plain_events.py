@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ptzd.control import events as ev
-from ptzd.model import Box, FrameRef, HeadLimits, HeadReading, Motion, ViewRef
+from ptzd.model import Box, FrameRef, HeadLimits, HeadReading, Motion, Turn, Turned, ViewRef
 
 HOME = HeadReading(pan_deg=0.0, tilt_deg=0.0, zoom=1.0)
 BOX = Box(x=330, y=230, w=40, h=32)
@@ -40,6 +40,10 @@ def plain(kind: type[ev.Event], t_ns: int) -> ev.Event:
         ev.LensAnswered: {"lens_id": STALE},
         ev.ViewTaken: {"grab_id": STALE, "view": ViewRef(frame=frame, reading=HOME, sigma_deg=0.01)},
         ev.ViewMissed: {"grab_id": STALE, "reason": "the camera stands elsewhere"},
+        ev.ViewsCompared: {
+            "found": Turned(verdict=Turn.SLIPPED, before=HOME, after=HOME, pan_off_deg=2.0),
+            "reference": True,
+        },
         ev.MatchFailed: {"match_id": STALE, "reason": "broken"},
     }
     if kind is ev.MatchFinished:
