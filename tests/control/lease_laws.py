@@ -34,6 +34,8 @@ class LeaseLaws:
             goto = (new[-1] if new else life.status).goto
             if asked and goto is not None and active is None:
                 assert goto.by == before, "only what he asked for moves"
+            elif asked and active is None:
+                assert isinstance(event, ev.HeadArrived), "only his own way around a zone goes on"
             else:
                 assert not asked or self.by[active] in {before, self.lent.get(active)}, "only what he asked for moves"
             if active is not None:
