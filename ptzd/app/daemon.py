@@ -128,16 +128,7 @@ async def _life(loaded: Loaded, stop: asyncio.Event, again: asyncio.Event, ready
         notifier = stack.enter_context(Notifier(os.environ))
         illustrate = Illustrator(loaded.rig).documents
         log = await stack.enter_async_context(McapLog(config.log, _run_info(loaded), clock, illustrate=illustrate))
-        bus = await stack.enter_async_context(
-            ZenohBus(
-                config.bus,
-                config.rig,
-                clock,
-                results_kept_s=config.queue.results_kept_s,
-                log_reference=lambda: _log_reference(log, clock),
-                status_extra=lambda: _status_extra(log, parts.daemon, clock),
-            )
-        )
+        bus = await stack.enter_async_context(_bus(config, log, clock, parts))
         bus.set_calibration(parse_mapping(loaded.calibration_text))
         fisheye = await stack.enter_async_context(open_fisheye(config.fisheye, clock))
         head = await stack.enter_async_context(open_head(config, clock))
@@ -182,6 +173,17 @@ async def _life(loaded: Loaded, stop: asyncio.Event, again: asyncio.Event, ready
             await ranges.keep()
             if stop.is_set() or not end.is_set():
                 notifier.stopping("stopping")
+
+
+def _bus(config: Config, log: McapLog, clock: Clock, parts: _Parts) -> ZenohBus:
+    return ZenohBus(
+        config.bus,
+        config.rig,
+        clock,
+        results_kept_s=config.queue.results_kept_s,
+        log_reference=lambda: _log_reference(log, clock),
+        status_extra=lambda: _status_extra(log, parts.daemon, clock),
+    )
 
 
 def _idle(daemon: Daemon | None) -> bool:
