@@ -31,6 +31,8 @@ def state_document(status: PublishStatus) -> Json:
         "fisheye": status.fisheye,
         "ptz": status.ptz,
         "held": status.held,
+        "shadow": status.shadow,
+        "doubt": status.doubt,
     }
 
 

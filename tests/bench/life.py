@@ -27,7 +27,7 @@ from statistics import median
 import yaml
 
 from ptzd.bus.client import Client
-from ptzd.bus.messages import RoiResult
+from ptzd.bus.messages import RoiResult, Status
 from ptzd.errors import BusError, PtzdError
 from tests.bench.load import flood, wait_until_serving
 from tests.bench.people import People
@@ -88,6 +88,8 @@ class Life:
         """As published."""
         self.kept: dict[str, str] = {}
         """Of those whose publication this process missed, on asking."""
+        self.doubts: list[str] = []
+        """No fault here makes the head a liar: each is a false alarm."""
         self.memory_kib: list[int] = []
         self._chance = random.Random(seed)
         self._faults = [fault for fault in FAULTS if seconds >= SETTLED_S or fault["kind"] not in SLOW]
@@ -128,6 +130,8 @@ class Life:
         async for notice in client.watch():
             if isinstance(notice, RoiResult):
                 self.results[notice.id].append(str(notice.outcome))
+            elif isinstance(notice, Status) and notice.doubt not in {"", *self.doubts}:
+                self.doubts.append(notice.doubt)
 
     async def _act(self, client: Client) -> None:
         end = time.monotonic() + self.seconds
@@ -303,6 +307,7 @@ class Life:
             for name in sorted(self.accepted)
             if len(self.told(name)) != 1
         ]
+        wrong += [f"the head was doubted: {doubt}" for doubt in self.doubts]
         if self.seconds >= SETTLED_S and self.growth() > GROWTH:
             wrong.append(f"memory grew by {self.growth():.1%} over the last half")
         return wrong

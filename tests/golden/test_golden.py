@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import subprocess
@@ -15,10 +16,15 @@ import pytest
 import yaml
 
 from ptzd.app.replaying import replay
+from ptzd.calibration.file import read_rig
 from ptzd.cli import entry
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
-from ptzd.log.reader import LoggedCommand, LogReader
+from ptzd.jpeg.pixels import decode_grey
+from ptzd.log.reader import LoggedCommand, LoggedEvent, LogReader
+from ptzd.log.topics import PTZ_IMAGE
+from ptzd.matching.turned import compare
+from ptzd.model import Turn
 
 HERE = Path(__file__).parent
 MUST_FAIL = "tampered"
@@ -209,3 +215,16 @@ def test_a_folder_is_a_test_suite(tmp_path: Path, capsys) -> None:
         "torn.mcap": ("1", "0", "1"),
     }
     assert "MoveHead.target.pan_deg" in suites["tampered.mcap"].find("testcase/failure").text
+
+
+@pytest.mark.parametrize("name", sorted(OUTCOMES))
+def test_no_head_is_doubted_that_did_as_told(name: str) -> None:
+    """Each view of a recorded life held against the one before it."""
+    with LogReader(golden(name)) as reader:
+        rig = read_rig(reader.run.calibration_text, name)
+        events = [told.event for told in reader.decisions() if isinstance(told, LoggedEvent)]
+        views = [event.view for event in events if isinstance(event, ev.ViewTaken)]
+        pictures = [decode_grey(reader.picture(PTZ_IMAGE, view.frame)) for view in views]
+    pairs = itertools.pairwise(zip(pictures, views, strict=True))
+    found = [compare(rig, before, at.reading, after, then.reading).verdict for (before, at), (after, then) in pairs]
+    assert set(found) <= {Turn.AGREES, Turn.UNKNOWN}

@@ -163,6 +163,20 @@ def test_a_knock_moves_the_optics_and_not_the_encoders():
     assert head.optical(1.0) == before
 
 
+def test_a_gear_that_slips_leaves_the_optics_where_they_are_and_a_start_heals_both():
+    head = Head(profile("v5915"), seed=1, t_s=0.0)
+    head.shift_zero(1.0, 0.4, -0.3)
+    head.stick(2.0)
+    stands = head.optical(2.0)
+    head.submit(3.0, MoveTo(pan=30, tilt=10, zoom=500))
+    assert head.encoder(9.0).pan_deg == pytest.approx(30, abs=0.01)
+    assert (head.optical(9.0).pan_deg, head.optical(9.0).tilt_deg) == (stands.pan_deg, stands.tilt_deg)
+    assert head.optical(9.0).zoom == pytest.approx(500)
+    head.find_zero(10.0)
+    assert head.optical(11.0).pan_deg == pytest.approx(30, abs=0.01)
+    assert head.optical(11.0).tilt_deg == pytest.approx(10, abs=0.01)
+
+
 def test_of_two_moves_within_one_latency_only_the_newer_runs():
     head = Head(profile("v5915"), seed=1, t_s=START_S)
     turn_s = head.submit(START_S, MoveTo(pan=150, tilt=30, zoom=500))
