@@ -5,47 +5,12 @@ from __future__ import annotations
 import msgspec
 import pytest
 
+from ptzd.config_zones import HeadZone
 from ptzd.control import commands as cmd
 from ptzd.control import events as ev
 from ptzd.control.states import State
-from ptzd.model import Outcome, PatrolShown
-
-SECOND_NS = 1_000_000_000
-WAY_S = 0.8
-"""How long the head of these tests takes to any place."""
-PAN = {"gate": 40.0, "yard": -35.0}
-
-
-def ask(world, wish: str = "start", patrol: str = "", **fields: object) -> list[cmd.Command]:
-    token = fields.pop("token", 7)
-    return world.tell(ev.PatrolAsked(token=token, wish=ev.PatrolWish(wish), patrol=patrol))
-
-
-def start(world, patrol: str = "night") -> list[cmd.Command]:
-    return ask(world, "start", patrol)
-
-
-def control(world, verb: ev.Verb) -> list[cmd.Command]:
-    return world.tell(ev.ControlReceived(token=9, verb=verb))
-
-
-def due(world, patrol: str, since: str) -> list[cmd.Command]:
-    return world.tell(ev.PatrolDue(patrol=patrol, since=since))
-
-
-def shown(world) -> PatrolShown | None:
-    return world.of(cmd.PublishStatus)[-1].patrol
-
-
-def refused(commands: list[cmd.Command]) -> cmd.ReplyRefused:
-    (told,) = [command for command in commands if isinstance(command, cmd.ReplyRefused)]
-    return told
-
-
-def went_to(world) -> list[str]:
-    """Places that the head was sent to, in order."""
-    pans = [command.target.pan_deg for command in world.of(cmd.MoveHead)]
-    return [next((name for name, pan in PAN.items() if abs(pan - at) < 0.1), "elsewhere") for at in pans]
+from ptzd.model import Outcome, PatrolShown, ZoneKind
+from tests.control.patrolling import SECOND_NS, WAY_S, ask, control, due, refused, shown, start, went_to
 
 
 def test_it_goes_round_and_stays_as_long_as_it_says(world) -> None:
@@ -296,59 +261,33 @@ def test_another_one_takes_its_place(world) -> None:
     assert (shown(world).patrol, shown(world).place) == ("alone", "yard")
 
 
-def test_the_schedule_begins_and_ends_it(world) -> None:
+def test_a_place_in_a_no_go_zone_is_refused_at_the_start_and_passed_over_by_the_schedule(make_world) -> None:
+    corners = ((-45.0, -5.0), (-25.0, -5.0), (-25.0, 15.0), (-45.0, 15.0))
+    world = make_world(zones=(HeadZone(name="sun", kind=ZoneKind.NO_GO, corners_deg=corners),))
+    world.start()
+    told = refused(start(world))
+    assert told.message.startswith("patrol night: yard lies at pan -35.00°, tilt 5.00°")
+    assert told.message.endswith("in the no_go zone sun")
     due(world, "night", "2026-03-01T21:00:00Z")
-    assert world.machine.state is State.PATROL
-    assert shown(world).scheduled
-    moves = len(world.of(cmd.MoveHead))
-    due(world, "night", "2026-03-01T21:00:00Z")
-    assert len(world.of(cmd.MoveHead)) == moves
-    world.run(WAY_S + 1.0)
-    due(world, "", "")
-    assert shown(world) is None
-    world.run(until=State.HOME)
+    world.run(60.0)
+    assert set(went_to(world)) == {"gate"}
+    assert shown(world).trouble.startswith("yard is passed over: ")
 
 
-def test_windows_that_adjoin_are_one_patrol(world) -> None:
-    due(world, "night", "2026-03-01T00:00:00Z")
-    world.run(WAY_S + 4.0)
-    until_ns = shown(world).until_ns
-    due(world, "night", "2026-03-02T00:00:00Z")
-    assert shown(world).until_ns == until_ns
-    due(world, "", "")
-    assert shown(world) is None
-
-
-def test_ended_by_a_person_it_stays_ended_until_the_next_window(world) -> None:
-    due(world, "night", "2026-03-01T21:00:00Z")
-    ask(world, "stop")
-    due(world, "night", "2026-03-01T21:00:00Z")
-    assert shown(world) is None
-    due(world, "", "")
-    due(world, "night", "2026-03-02T21:00:00Z")
-    assert shown(world).patrol == "night"
-
-
-def test_begun_by_a_person_it_does_not_end_with_a_window(world) -> None:
-    due(world, "night", "2026-03-01T21:00:00Z")
-    start(world, "alone")
-    due(world, "", "")
-    assert shown(world).patrol == "alone"
-    due(world, "night", "2026-03-02T21:00:00Z")
-    assert shown(world).patrol == "night", "the last word counts"
-
-
-def test_a_scheduled_one_passes_over_what_cannot_be_reached_and_says_so(world) -> None:
-    due(world, "far", "2026-03-01T21:00:00Z")
-    world.run(30.0)
-    assert went_to(world) == ["yard"]
-    assert shown(world).trouble.startswith("behind is passed over: behind lies at pan 179.00°")
-
-
-def test_one_that_can_go_nowhere_is_over_and_says_so(world) -> None:
-    told = refused(due(world, "nowhere", "2026-03-01T21:00:00Z"))
-    assert told.message.startswith("patrol nowhere is over, none of its places can be reached; behind is passed over")
-    assert (world.machine.state, shown(world)) == (State.IDLE, None)
+def test_when_the_motors_budget_is_spent_it_stays_until_there_is_some_again(make_world, config) -> None:
+    motor = msgspec.structs.replace(config.motor, moves_per_hour=10, reserve=0.3)
+    world = make_world(motor=motor)
+    world.start()
+    start(world)
+    world.run(1800.0)
+    assert len(went_to(world)) == 4, "40 % of ten, what ranks below every request may use"
+    assert "stays at" in shown(world).trouble
+    assert "motor.moves_per_hour" in shown(world).trouble
+    world.run(3600.0)
+    assert 5 <= len(went_to(world)) <= 9
+    world.request("a", hold_s=0.0)
+    world.run(until=State.LOCK)
+    assert world.machine.state is State.LOCK, "a request still finds a share"
 
 
 def test_settings_read_again_change_it_from_the_next_place_on(world, config) -> None:
