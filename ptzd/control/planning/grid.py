@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +22,12 @@ Cell = tuple[int, int]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Grid:
-    """All poses within the limits; a cell holds the number of whoever takes it, -1 = free."""
+    """All poses, also those past the head's limits; a cell holds the number of whoever takes it, -1 = free."""
 
     limits: HeadLimits
+    """Of the grid, as by `everywhere`."""
+    within: Mask
+    """Cells whose middle the head may be sent to, as far as its own limits go."""
     owner: NDArray[np.int16]
     _sums: NDArray[np.int64] = field(init=False, repr=False)
     """How many taken cells lie before each row and column, columns twice round for endless heads."""
@@ -41,7 +44,7 @@ class Grid:
         return np.asarray(self.owner[cells_of(self.limits, pan_deg, tilt_deg)])
 
     def free(self, span: Span) -> bool:
-        """Whether no pose of a rectangle, cut to the limits, lies in a taken cell."""
+        """Whether no pose of a rectangle, cut to the grid, lies in a taken cell."""
         rows, columns = self.owner.shape
         low, high = (min(max(self._row(tilt), 0), rows - 1) for tilt in span.tilt_deg)
         left, right = (math.floor((pan - _pan_from_deg(self.limits)) / CELL_DEG) for pan in span.pan_deg)
@@ -58,20 +61,21 @@ class Grid:
 
     def border(self) -> list[Cell]:
         """Free cells beside taken ones: whoever must leave a taken cell by the shortest way ends in one of them."""
-        free, taken = self.owner < 0, self.owner >= 0
+        free, taken = (self.owner < 0) & self.within, self.owner >= 0
         cells = np.argwhere(free & _spread(taken, wraps=self.limits.endless_pan))
         return [(int(row), int(column)) for row, column in cells]
 
     def pose(self, cell: Cell, zoom: float) -> HeadReading:
-        """The middle of a cell; the last one of an axis may reach over the limit and counts up to there."""
+        """The middle of a cell."""
         pan_deg = _pan_from_deg(self.limits) + (cell[1] + 0.5) * CELL_DEG
-        tilt_deg = self.limits.tilt_deg[0] + (cell[0] + 0.5) * CELL_DEG
-        pan_deg = pan_deg if self.limits.endless_pan else min(pan_deg, self.limits.pan_deg[1])
-        return HeadReading(pan_deg=pan_deg, tilt_deg=min(tilt_deg, self.limits.tilt_deg[1]), zoom=zoom)
+        return HeadReading(pan_deg=pan_deg, tilt_deg=self.limits.tilt_deg[0] + (cell[0] + 0.5) * CELL_DEG, zoom=zoom)
 
     def walk(self, start: HeadReading, end: HeadReading) -> list[Cell] | None:
-        """Return a way of fewest cells over free ones, both ends included; None when there is none."""
-        return walk(self.owner < 0, self._cell(start), self._cell(end), wraps=self.limits.endless_pan)
+        """Return a way of fewest cells over free ones within, both ends included; None when there is none."""
+        free, ends = (self.owner < 0) & self.within, (self._cell(start), self._cell(end))
+        for cell in ends:  # the middle of a cell at a limit may be past it
+            free[cell] = self.owner[cell] < 0
+        return walk(free, *ends, wraps=self.limits.endless_pan)
 
     def _row(self, tilt_deg: float) -> int:
         return math.floor((tilt_deg - self.limits.tilt_deg[0]) / CELL_DEG)
@@ -83,6 +87,23 @@ class Grid:
 
 def _pan_from_deg(limits: HeadLimits) -> float:
     return -180.0 if limits.endless_pan else limits.pan_deg[0]
+
+
+def everywhere(limits: HeadLimits) -> HeadLimits:
+    """Limits that hold every pose: a head may have been moved past its own by others."""
+    (left, right), (low, high) = limits.pan_deg, limits.tilt_deg
+    pans = (min(left, -180.0), max(right, 180.0))
+    return replace(limits, pan_deg=pans, tilt_deg=(min(low, -90.0), max(high, 90.0)))
+
+
+def within(limits: HeadLimits, extent: HeadLimits) -> Mask:
+    """Which cells of a grid of an extent have their middles within limits, ``(rows, columns)``."""
+    rows, columns = shape_of(extent)
+    pan_deg = _pan_from_deg(extent) + (np.arange(columns) + 0.5) * CELL_DEG
+    tilt_deg = extent.tilt_deg[0] + (np.arange(rows) + 0.5) * CELL_DEG
+    pans = (pan_deg >= limits.pan_deg[0]) & (pan_deg <= limits.pan_deg[1]) | limits.endless_pan
+    tilts = (tilt_deg >= limits.tilt_deg[0]) & (tilt_deg <= limits.tilt_deg[1])
+    return np.asarray(tilts[:, None] & pans[None])
 
 
 def shape_of(limits: HeadLimits) -> Cell:

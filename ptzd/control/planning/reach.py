@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ptzd.control.planning.grid import Cell, Grid, axes_at, cell_axes
+from ptzd.control.planning.grid import Cell, Grid, axes_at, cell_axes, everywhere, within
 from ptzd.control.planning.marks import taken_by
 from ptzd.control.planning.span import Span
 from ptzd.geometry.rig import Rig
@@ -49,18 +49,20 @@ class Reach:
 
     def __post_init__(self) -> None:
         head, both = self.rig.head, (*self.no_go, *self.privacy)
-        axes = cell_axes(head, self.limits) if both else np.zeros((0, 0, 3))
+        extent = everywhere(self.limits)
+        axes = cell_axes(head, extent) if both else np.zeros((0, 0, 3))
         owner = np.full(axes.shape[:2], -1, dtype=np.int16)
         closed = owner.copy()
         for number, zone in enumerate(both):
-            taken = taken_by(zone.head_outlines, head, self.limits, axes)
+            taken = taken_by(zone.head_outlines, head, extent, axes)
             owner[taken & (owner < 0)] = number
             if zone.kind is ZoneKind.NO_GO:
                 closed[taken] = number
-        shut = Grid(limits=self.limits, owner=owner) if both else None
+        inside = within(self.limits, extent)
+        shut = Grid(limits=extent, within=inside, owner=owner) if both else None
         border = () if shut is None else tuple(shut.border())
         object.__setattr__(self, "_shut", shut)
-        object.__setattr__(self, "_closed", Grid(limits=self.limits, owner=closed) if self.no_go else None)
+        object.__setattr__(self, "_closed", Grid(limits=extent, within=inside, owner=closed) if self.no_go else None)
         object.__setattr__(self, "_border", border)
         object.__setattr__(self, "_border_axes", np.array([axes[cell] for cell in border]).reshape(-1, 3))
         object.__setattr__(self, "_seen", _spots(self.privacy))
@@ -143,11 +145,15 @@ class Reach:
         zoom = self.widest if self.privacy else zoom
         start = HeadReading(pan_deg=here.pan_deg[0], tilt_deg=here.tilt_deg[0], zoom=zoom)
         pan, tilt, _ = self.moved_off(np.array([start.pan_deg]), np.array([start.tilt_deg]), self.widest)
-        inside = grid.owner_at(np.array(start.pan_deg), np.array(start.tilt_deg)) >= 0
         leave: tuple[HeadReading, ...] = ()
-        if inside:
+        if grid.owner_at(np.array(start.pan_deg), np.array(start.tilt_deg)) >= 0:
             start = replace(start, pan_deg=float(pan[0]), tilt_deg=float(tilt[0]))
             leave = (start,)
+        elif not self.limits.contains(replace(start, zoom=self.limits.zoom[0])):
+            start = nearest(start, self.limits)
+            leave = (start,)
+            if not self.leg_free(here, start):
+                return None
         cells = (self._shut.walk(start, end) if self._shut is not None else None) or grid.walk(start, end)
         if cells is None:
             return None
