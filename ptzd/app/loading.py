@@ -12,7 +12,7 @@ import yaml
 from ptzd.calibrate.refined import in_force
 from ptzd.calibration.file import read_rig
 from ptzd.config import Config, FilesSource, HttpSource, parse_config
-from ptzd.config_zones import parse_zones
+from ptzd.config_zones import Zones, parse_zones
 from ptzd.control.activities.home import home_of
 from ptzd.control.planning.reach import reach_of
 from ptzd.control.planning.zones import zones_of
@@ -209,7 +209,14 @@ def _anchored(config: Config, folder: Path) -> Config:
         fisheye=fisheye,
         bus=bus,
         log=replace(config.log, directory=str(folder / config.log.directory)),
+        zones=_with_ranges(config),
     )
+
+
+def _with_ranges(config: Config) -> Zones:
+    """Zones that say their range: where they are must not change with ``search``, which may while the daemon runs."""
+    default = config.search.range_m
+    return tuple(msgspec.structs.replace(zone, range_m=zone.range_m or default) for zone in config.zones)
 
 
 def _size(size_px: tuple[int, int]) -> str:

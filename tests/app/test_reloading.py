@@ -71,6 +71,24 @@ def test_places_patrols_and_their_hours_change_while_it_runs(running: Loaded) ->
         read_again(found.loaded)
 
 
+LAMP = {"name": "lamp", "kind": "no_go", "frame": "head", "corners_deg": [[30, 5], [36, 5], [36, 9], [30, 9]]}
+
+
+def test_zones_need_a_restart_and_stay_where_they_are_when_the_search_looks_elsewhere(
+    running: Loaded, change: Change
+) -> None:
+    change(zones=[LAMP])
+    with_lamp = load(running.path)
+    assert with_lamp.config.zones[0].range_m == (1.0, 100.0)
+    change(zones=[LAMP], search={"range_m": [4.0, 50.0]})
+    found = read_again(with_lamp)
+    assert (found.taken, found.refused) == (("search.range_m",), ("zones",))
+    assert found.loaded.config.zones == with_lamp.config.zones
+    change(zones=[LAMP], home={"pan_deg": 33.0, "tilt_deg": 7.0})
+    with pytest.raises(ConfigError, match=r"home .* is in the no_go zone lamp"):
+        read_again(with_lamp)
+
+
 def test_what_can_change_does_and_the_rest_is_named(running: Loaded, change: Change) -> None:
     change(
         rig="other",
