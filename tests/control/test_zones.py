@@ -321,6 +321,28 @@ def test_steered_towards_a_zone_it_slows_down_and_stops_before_it_by_the_truth(r
     assert 25.0 < world.poses[-1].pan_deg < 32.0, "it gets near, and no nearer"
 
 
+@pytest.mark.parametrize("zoom", [1.0, 3000.0])
+def test_a_window_may_be_steered_past_but_not_into_and_what_stops_in_it_moves_off(make_world, rig, zoom) -> None:
+    world = make_world(zones=(window(10.0, 0.0, 3.0, ZoneKind.PRIVACY),), home=Home(pan_deg=-60.0))
+    world.start()
+    world.tell(ev.LeaseAsked(token=1, wish=ev.LeaseWish.TAKE, owner="desk", for_s=60.0))
+    world.run(1.0)
+    world.reading = HeadReading(pan_deg=10.0, tilt_deg=1.0, zoom=zoom)
+    world.tell(ev.HeadPolled(reading=world.reading, motion=Motion.MOVING))
+    asked = ev.MoveAsked(token=2, owner="desk", wish=ev.MoveWish.SPEED, pan_deg_s=5.0, tilt_deg_s=0.0, zoom_rate=0.5)
+    world.limits = replace(world.limits, top_deg_s=(100.0, 90.0))
+    world.tell(ev.HeadReady(limits=world.limits, reading=world.reading))
+    world.tell(asked)
+    reply = world.of(cmd.ReplyMove)[-1]
+    assert (reply.pan_deg_s, reply.zoom_rate, reply.slowed_by) == (5.0, 0.0, "privacy zones window")
+    steer = world.of(cmd.SteerHead)[-1]
+    world.tell(ev.HeadArrived(move_id=steer.move_id, reading=world.reading))
+    off = world.of(cmd.MoveHead)[-1].target
+    reach = reach_of(world.limits, rig, zones_of(world.machine.config, rig))
+    assert reach.contains(off)
+    assert abs(off.pan_deg - 10.0) < 6.0
+
+
 def test_a_move_by_hand_into_a_zone_is_refused_by_its_name(make_world) -> None:
     world = make_world(zones=(window(40.0, 0.0, 8.0),))
     world.start()

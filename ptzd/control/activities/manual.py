@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar
 
 from ptzd.control.activities.activity import Activity, Failure, Over, Step
@@ -69,9 +70,11 @@ class Manual(Activity, kw_only=True, tag="manual"):
         return None
 
     def on_arrived(self, work: Work) -> Step:
-        """It rests."""
-        del work
+        """It rests; from where it may not, by a zone that it was let pass, it moves off."""
         self.doing, self.target, self.wanted, self.sent = "", None, None, None
+        reading = work.head.reading
+        if reading is not None and work.reach.objection(reading) is not None:
+            self.go(work, work.reach.nearest(reading))
         return None
 
     def on_failed(self, work: Work, failure: Failure) -> Step:
@@ -119,6 +122,8 @@ def _granted(work: Work, wanted: HeadSpeed) -> tuple[HeadSpeed, str]:
     if limits is None or reading is None:
         return wanted, ""
     granted, by_limits = within_limits(limits, reading, wanted)
+    if granted.zoom_rate > 0 and (private := work.reach.private_in(reading)):
+        granted, by_limits = replace(granted, zoom_rate=0.0), ", ".join(filter(None, (by_limits, private)))
     if not work.reach.has_ways:
         return granted, by_limits
     granted, by_zones = work.reach.slowed(work.drifting(), granted, FORESIGHT_S)

@@ -89,6 +89,17 @@ class Reach:
             return f"zoomed in beside a privacy zone ({', '.join(zone.name for zone in self.privacy)})"
         return None
 
+    def private_in(self, reading: HeadReading) -> str:
+        """The privacy zones, when a picture at this pose shows any: ``privacy zones window``; else empty."""
+        if not self.privacy:
+            return ""
+        axis = axes_at(self.rig.head, np.array([reading.pan_deg]), np.array([reading.tilt_deg]))
+        low, high = self.rig.zoom.zoom_range
+        inside = any(covers(zone.head_outlines, axis)[0] for zone in self.privacy)
+        if not inside and not self._shows_private(axis, min(max(reading.zoom, low), high))[0]:
+            return ""
+        return f"privacy zones {', '.join(zone.name for zone in self.privacy)}"
+
     def holds(self, direction: Array) -> Zone | None:
         """The zone that must not be pointed at in which a direction ``(3,)`` of the head frame lies."""
         zones = (*self.no_go, *self.privacy)
