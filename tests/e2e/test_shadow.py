@@ -55,8 +55,11 @@ async def test_what_it_would_have_done_is_told_everywhere_and_nothing_moves(shad
     code, said = await run("status", "--connect", site.endpoint)
     assert code == 0
     assert "shadow    decides and logs, moves nothing; the head would be at pan" in said
-    async with site.client.lease("desk"):
+    async with site.client.lease("desk") as kept:
         await site.until_state("MANUAL")
+        await kept.go_to(5.0, -20.0)
+        await kept.steer(pan_deg_s=10.0)
+        await kept.lens(focus="auto")
         with pytest.raises(RequestRefused, match="desk has had the head"):
             await site.client.ask_lease(LeaseRequest(owner="gate"))
     with pytest.raises(RequestRefused, match="the camera was not told to stop") as refused:
