@@ -38,6 +38,8 @@ BLOCKS = 10
 """Blocks with structure that a verdict needs."""
 NOTICED_PX = 4.0
 """A smaller turn or slip cannot be told from a trembling mast."""
+LEAST_DEG = 0.3
+"""Nor a smaller angle: heads come back to a tenth of a degree, and a mast sways in the wind."""
 OVERLAP = 0.3
 """Of the picture that both must show for a slip to be measured."""
 ROUNDS = 3
@@ -77,8 +79,7 @@ def compare(rig: Rig, before: Grey, at: HeadReading, after: Grey, then: HeadRead
         wide, narrow = narrow, wide
     if wide.hfov_rad > WIDEST * narrow.hfov_rad:
         return nothing
-    turn_px = _turn_rad(rig, at, then) / narrow.hfov_rad * WIDTH_PX
-    nothing = replace(nothing, turned=turn_px >= NOTICED_PX)
+    nothing = replace(nothing, turned=_noticed(_turn_rad(rig, at, then), narrow))
     said = _agreement(rig, wide, narrow, narrow.reading)
     if said.blocks >= BLOCKS and said.share > FEW:
         # a share between both is a scene that changed: it speaks for nothing
@@ -131,8 +132,7 @@ def _slip(rig: Rig, wide: _Look, narrow: _Look) -> tuple[float, float, float] | 
         tilt_deg = dy / WIDTH_PX * hfov_deg
         looks = replace(looks, pan_deg=looks.pan_deg + pan_deg, tilt_deg=looks.tilt_deg + tilt_deg)
     found = _agreement(rig, wide, narrow, looks)
-    off_px = math.degrees(_turn_rad(rig, then, looks)) / hfov_deg * WIDTH_PX
-    if found.blocks < BLOCKS or found.share < MOST or off_px < NOTICED_PX:
+    if found.blocks < BLOCKS or found.share < MOST or not _noticed(_turn_rad(rig, then, looks), narrow):
         return None
     return looks.pan_deg - then.pan_deg, looks.tilt_deg - then.tilt_deg, found.share
 
@@ -192,6 +192,10 @@ def _agreement(rig: Rig, wide: _Look, narrow: _Look, looks: HeadReading) -> _Agr
             counted += 1
             like += float((a * b).mean()) >= LIKE * deviations[0] * deviations[1]
     return _Agreement(counted, like / max(counted, 1))
+
+
+def _noticed(turn_rad: float, narrow: _Look) -> bool:
+    return turn_rad / narrow.hfov_rad * WIDTH_PX >= NOTICED_PX and turn_rad >= math.radians(LEAST_DEG)
 
 
 def _turn_rad(rig: Rig, at: HeadReading, then: HeadReading) -> float:

@@ -144,3 +144,15 @@ def test_what_changed_altogether_or_cannot_be_compared_says_nothing(stage) -> No
     assert compare(stage.rig, picture, at, stage.look(replace(at, zoom=6000.0)), replace(at, zoom=6000.0)).verdict is (
         Turn.UNKNOWN
     )
+
+
+@pytest.mark.parametrize("sway_deg", [0.05, 0.15, 0.25])
+def test_a_mast_that_sways_and_an_encoder_that_errs_a_little_are_no_fault(stage, sway_deg) -> None:
+    """Far in, a tenth of a degree is a good part of the picture."""
+    chance = np.random.default_rng(6)
+    for _ in range(5):
+        at = HeadReading(pan_deg=chance.uniform(-60, 60), tilt_deg=chance.uniform(0, 40), zoom=6000.0)
+        swayed = replace(at, pan_deg=at.pan_deg + sway_deg)
+        before = stage.look(at)
+        assert compare(stage.rig, before, at, stage.look(swayed), at).verdict not in ALARMS
+        assert compare(stage.rig, before, at, stage.look(at), swayed).verdict not in ALARMS
