@@ -189,6 +189,26 @@ def test_of_two_copies_none_is_found_whatever_the_map_says(new_world, surfaces, 
     assert len(learned(world)) == len(surfaces)
 
 
+def test_a_closer_round_is_as_close_as_without_a_map(new_world) -> None:
+    """A map that has zoomed the first look in makes no closer one than a picture can be told by."""
+
+    def zooms(*known: float) -> list[float]:
+        world = new_world()
+        world.start()
+        ray = tuple(world.rig.fisheye.lift((350.0, 246.0))[0].tolist())
+        world.machine.ranges.locks += [
+            RangeLock(id="l", ray=ray, inverse_range=s, sigma=0.001, t_ns=world.t_ns) for s in known
+        ]
+        see_copies(world, 0.05, 0.45)
+        world.request(range_m=(2.0, 100.0), hold_s=0.0)
+        world.run(60)
+        return [move.target.zoom for move in moves(world)][: ended(world).views]
+
+    plain, by_map = zooms(), zooms(0.25, 0.25)
+    assert by_map[0] > plain[0]
+    assert by_map[1:] == plain[1:]
+
+
 @given(surfaces=st.lists(st.floats(0.0, 0.98), min_size=1, max_size=6), s=st.floats(0.02, 0.49))
 @settings(max_examples=25)
 def test_what_is_clearly_seen_is_found_whatever_the_map_says(new_world, surfaces, s: float) -> None:

@@ -50,6 +50,8 @@ class Scan(Activity, kw_only=True, tag="scan"):
     matches: list[Looked] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     """What went wrong with single views, and what no view can show."""
+    plain_hfov_rad: float | None = None
+    """Where a map has zoomed the first round in: its field of view without. What is closer than that, is the same."""
     doubt: str = ""
     """Why the round before could not decide; empty in the first one."""
     doubt_probability: float = 0.0
@@ -68,6 +70,7 @@ class Scan(Activity, kw_only=True, tag="scan"):
             where = "limits and outside the zones; check limits, zones" if work.zones else "limits; check limits"
             reason = f"no part of the region's epipolar arc lies within the head's {where} and range_m"
             return Over(outcome=Outcome.UNREACHABLE, reason=reason)
+        self.plain_hfov_rad = plan.plain_hfov_rad
         self._set_out(work, _poses(plan), plan.unreachable_in_words(metric=work.rig.metric), plan.expected)
         return None
 
@@ -214,7 +217,9 @@ class Scan(Activity, kw_only=True, tag="scan"):
         if len(alike) > MAX_RIVALS:
             return []
         narrowest = work.rig.zoom.hfov_range_rad[0]
-        hfov = max(work.rig.zoom.camera_at(self.taken[0].reading.zoom).hfov_rad * CLOSER, narrowest)
+        seen = work.rig.zoom.camera_at(self.taken[0].reading.zoom).hfov_rad
+        wide = self.plain_hfov_rad if self.round == 1 and self.plain_hfov_rad is not None else seen
+        hfov = max(wide * CLOSER, narrowest)
         views: list[HeadReading] = []
         for place in alike:
             near = neighbourhood(work.rig, request, place.inverse_range, NEIGHBOURHOOD_PX)

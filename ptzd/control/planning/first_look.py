@@ -49,7 +49,7 @@ def likeliest_first(plan: Plan, interval: Interval, expected: ExpectedOnArc, clo
     plain = replace(plain, expected=there)
     if len(plain.views) == 1:
         closer = plain if plain.unreachable else _single(plan, interval, plain, there, closest_rad)
-        return replace(closer, expected=there)
+        return replace(closer, expected=there, plain_hfov_rad=plain.views[0].hfov_rad)
     ordered = replace(plain, views=tuple(sorted(plain.views, key=lambda view: -expected.mass(*view.s_interval))))
     aimed = _aimed(plan, plain, expected, there)
     if aimed is None:

@@ -56,6 +56,8 @@ class ScanPlan:
     """Share of the arc's length in them, 0 to 1."""
     expected: float | None = None
     """Inverse range where a map of the scene expects the target; None: it has no say."""
+    plain_hfov_rad: float | None = None
+    """Field of view that the views would have without that map."""
 
     def unreachable_in_words(self, *, metric: bool) -> str:
         """What no pose shows, e.g. ``range 0.6 to 1.1 m, 23 % of the arc``; empty when all is reached."""
