@@ -6,7 +6,7 @@ from collections.abc import AsyncIterator
 
 import msgspec
 
-from ptzd.bus.by_hand import LensWanted, MoveReply, MoveRequest, PanTilt, PixelPtz, Speed
+from ptzd.bus.by_hand import LensWanted, MoveReply, MoveRequest, PanTilt, PixelPtz, Speed, Step
 from ptzd.bus.client import Client
 from ptzd.bus.fields import BoxPx
 from ptzd.bus.known_ranges import RangeKnown, RangesReply, RangesRequest
@@ -36,6 +36,7 @@ __all__ = [
     "ShadowPose",
     "Speed",
     "Status",
+    "Step",
     "message_schema",
     "message_types",
     "notices",

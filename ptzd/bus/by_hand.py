@@ -13,6 +13,13 @@ from ptzd.outgoing import Outgoing
 class PanTilt(Incoming, frozen=True):
     """Angles of the calibrated head frame, deg: pan right +, tilt up +."""
 
+    pan_deg: Annotated[float, Meta(ge=-360, le=360)]
+    tilt_deg: Annotated[float, Meta(ge=-180, le=180)]
+
+
+class Step(Incoming, frozen=True):
+    """So much further, deg; absent = not at all."""
+
     pan_deg: Annotated[float, Meta(ge=-360, le=360)] = 0.0
     tilt_deg: Annotated[float, Meta(ge=-180, le=180)] = 0.0
 
@@ -57,7 +64,7 @@ class MoveRequest(Incoming, frozen=True):
     owner: Id
     to: PanTilt | None = None
     """A set point."""
-    by: PanTilt | None = None
+    by: Step | None = None
     """From where the head is, or goes."""
     point: PixelPtz | None = None
     """Bring this pixel of the PTZ's picture to the centre."""

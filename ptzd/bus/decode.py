@@ -227,6 +227,8 @@ def check_move(asked: MoveRequest) -> MoveWish:
     for name in ("hfov_deg", "fill", "picture"):
         if getattr(asked, name) is not None and name not in allowed:
             raise RequestRefused("invalid", f"`{name}` does not go with `{wish}`", f"$.{name}")
+    if asked.lens is not None and asked.lens.focus is asked.lens.iris is None:
+        raise RequestRefused("invalid", "neither focus nor iris is given", "$.lens")
     if asked.hfov_deg is not None and asked.fill is not None:
         raise RequestRefused("invalid", "`hfov_deg` and `fill` both say how far to zoom; give one", "$.fill")
     return wish

@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Awaitable, Callable
 
-from ptzd.bus.by_hand import Auto, LensWanted, MoveReply, MoveRequest, PanTilt, PixelPtz, Speed, ViewPose
+from ptzd.bus.by_hand import Auto, LensWanted, MoveReply, MoveRequest, PanTilt, PixelPtz, Speed, Step, ViewPose
 from ptzd.bus.fields import BoxPx
 from ptzd.bus.messages import LeaseReply, LeaseRequest
 from ptzd.errors import BusError, RequestRefused
@@ -48,7 +48,7 @@ class KeptLease:
 
     async def go_by(self, pan_deg: float, tilt_deg: float, *, hfov_deg: float | None = None) -> MoveReply:
         """Turn the head by so much from where it is, or is going."""
-        by = PanTilt(pan_deg=pan_deg, tilt_deg=tilt_deg)
+        by = Step(pan_deg=pan_deg, tilt_deg=tilt_deg)
         return await self._move(MoveRequest(owner=self._owner, by=by, hfov_deg=hfov_deg))
 
     async def centre(

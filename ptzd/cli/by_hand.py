@@ -6,24 +6,30 @@ import argparse
 import asyncio
 from typing import Literal
 
-from ptzd.app.clients import BoxPx, Client, LensWanted, MoveReply, MoveRequest, PanTilt, PixelPtz, Speed
+from ptzd.app.clients import BoxPx, Client, LensWanted, MoveReply, MoveRequest, PanTilt, PixelPtz, Speed, Step
 from ptzd.cli.asking import with_client
 from ptzd.errors import RequestRefused
 from ptzd.plain import plain
 
+USUAL_S = 1.0
+LONGEST_S = 3600.0
 SAY_AGAIN_S = 0.1
 """A head that hears nothing for 0.3 s stands."""
 
 
 def move(arguments: argparse.Namespace) -> int:
     """Move once, or keep a speed for some time; returns when the rig has answered, not when the head is there."""
+    if arguments.for_s is not None and (arguments.speed is None or not 0 < arguments.for_s <= LONGEST_S):
+        raise RequestRefused(
+            "invalid", f"--for {arguments.for_s:g}: with --speed, more than 0 and at most {LONGEST_S:g} s"
+        )
     request = _request(arguments)
 
     async def work(client: Client) -> int:
         told = await client.move(request)
         print(plain(in_words(told)), flush=True)
         if request.speed is not None:
-            await _go_on(client, request, arguments.for_s)
+            await _go_on(client, request, arguments.for_s or USUAL_S)
         return 0
 
     return with_client(arguments, work)
@@ -44,7 +50,7 @@ def _request(arguments: argparse.Namespace) -> MoveRequest:
     if arguments.to:
         return MoveRequest(owner=owner, to=PanTilt(pan_deg=arguments.to[0], tilt_deg=arguments.to[1]), hfov_deg=hfov)
     if arguments.by:
-        return MoveRequest(owner=owner, by=PanTilt(pan_deg=arguments.by[0], tilt_deg=arguments.by[1]), hfov_deg=hfov)
+        return MoveRequest(owner=owner, by=Step(pan_deg=arguments.by[0], tilt_deg=arguments.by[1]), hfov_deg=hfov)
     if arguments.point:
         return MoveRequest(owner=owner, point=PixelPtz(x=arguments.point[0], y=arguments.point[1]), hfov_deg=hfov)
     if frame:

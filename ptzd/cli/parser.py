@@ -167,7 +167,7 @@ def _add_bus_commands(commands: argparse._SubParsersAction[_Parser]) -> None:
     way.add_argument("--speed", type=float, nargs=3, metavar=("PAN", "TILT", "ZOOM"), help="deg/s, and -1 to 1")
     way.add_argument("--focus", metavar="auto|UNITS", help="the camera's own units, until the end of the lease")
     way.add_argument("--iris", metavar="auto|UNITS")
-    move.add_argument("--for", type=float, dest="for_s", default=1.0, metavar="S", help="how long to keep the speed")
+    move.add_argument("--for", type=float, dest="for_s", metavar="S", help="how long to keep the speed; else 1 s")
     move.add_argument("--hfov", type=float, metavar="DEG", help="zoom until the picture is so wide")
     move.set_defaults(run=by_hand.move)
     _add_place_commands(commands, common)

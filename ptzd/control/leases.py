@@ -88,7 +88,7 @@ class Leases:
         """The lease of whoever speaks; RequestRefused when it is not his."""
         lease = self.memory.lease
         if lease is None:
-            message = f"{event.owner} does not have the head any more, nobody has; take it again"
+            message = f"{event.owner} does not have the head, nobody has; take it (again)"
             raise RequestRefused("lost", message, "$.owner")
         if lease.owner != event.owner:
             raise self._held_by(lease)

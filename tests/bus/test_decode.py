@@ -357,7 +357,7 @@ SEEN = {"pan_deg": 1.0, "tilt_deg": 2.0, "zoom": 3.0}
 @pytest.mark.parametrize(
     ("asked", "wish"),
     [
-        ({"to": {"pan_deg": 4.0}}, "to"),
+        ({"to": {"pan_deg": 4.0, "tilt_deg": 1.0}}, "to"),
         ({"by": {"tilt_deg": -4.0}, "hfov_deg": 20.0}, "by"),
         ({"point": {"x": 3, "y": 4}, "picture": SEEN}, "point"),
         ({"box": {"x": 3, "y": 4, "w": 20, "h": 9}, "fill": 0.5}, "box"),
@@ -374,13 +374,15 @@ def test_each_way_to_move_becomes_an_event(asked, wish):
     ("asked", "field", "words"),
     [
         ({}, "$", "exactly one of to, by, point, box, speed, lens; there is none"),
-        ({"to": {}, "speed": {}}, "$", "there is to and speed"),
+        ({"by": {}, "speed": {}}, "$", "there is by and speed"),
         ({"speed": {}, "hfov_deg": 20.0}, "$.hfov_deg", "`hfov_deg` does not go with `speed`"),
-        ({"to": {}, "picture": SEEN}, "$.picture", "`picture` does not go with `to`"),
+        ({"by": {}, "picture": SEEN}, "$.picture", "`picture` does not go with `by`"),
         ({"box": {"x": 3, "y": 4, "w": 20, "h": 9}, "fill": 0.5, "hfov_deg": 9.0}, "$.fill", "give one"),
         ({"speed": {"zoom_rate": 1.5}}, "$.speed.zoom_rate", "<= 1"),
         ({"lens": {"focus": 0}}, "$.lens.focus", ""),
         ({"to": {"pan": 3}}, "$.to.pan", "unknown field"),
+        ({"to": {"pan_deg": 3}}, "$.to.tilt_deg", "required"),
+        ({"lens": {}}, "$.lens", "neither focus nor iris"),
     ],
 )
 def test_what_is_no_way_to_move_is_refused_with_its_place(asked, field, words):

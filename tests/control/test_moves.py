@@ -112,6 +112,7 @@ def test_a_pixel_of_a_moving_picture_has_no_direction_unless_its_pose_comes_alon
     [
         ("to", {"pan_deg": 175.0}, "$.to", "its limits are pan -170 to 170°, tilt -80 to 80°"),
         ("by", {"tilt_deg": -81.0}, "$.by", "tilt -81.00°"),
+        ("by", {"pan_deg": 300.0}, "$.by", "camera's own pan 300.00°"),
         ("to", {"hfov_deg": 90.0}, "$.hfov_deg", "outside the calibrated range 3.3"),
         ("point", {"point_px": (640.0, 3.0)}, "$.point", "(640, 3) px reaches out of the picture of 640x480 px"),
         ("box", {"box_px": Box(x=600, y=3, w=50, h=20)}, "$.box", "reaches out of the picture"),

@@ -29,7 +29,7 @@ from ptzd.app.loading import load
 from ptzd.app.loopback import reserved_port
 from ptzd.app.replaying import replay
 from ptzd.app.simulate import DEFAULT_PASSWORD, RIG, write_config
-from ptzd.bus.by_hand import MoveRequest, PanTilt, Speed
+from ptzd.bus.by_hand import MoveRequest, PanTilt, Speed, Step
 from ptzd.bus.client import Client
 from ptzd.bus.messages import LeaseRequest
 from ptzd.control import commands as cmd
@@ -149,7 +149,7 @@ async def hand(site: Site) -> None:
     for _ in range(5):
         await client.move(MoveRequest(owner="desk", speed=Speed(pan_deg_s=20.0, tilt_deg_s=-5.0, zoom_rate=0.2)))
         await asyncio.sleep(0.1)
-    await client.move(MoveRequest(owner="desk", by=PanTilt(pan_deg=-3.0, tilt_deg=2.0), hfov_deg=30.0))
+    await client.move(MoveRequest(owner="desk", by=Step(pan_deg=-3.0, tilt_deg=2.0), hfov_deg=30.0))
     await client.result("waits", timeout_s=PATIENCE_S)
 
 

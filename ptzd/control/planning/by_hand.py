@@ -19,6 +19,7 @@ lies between a report and the motion that follows from it takes less than this o
 brakes together."""
 ZOOM_UNITS_S = 5000.0
 """The fastest zoom of any camera known; slower ones only brake earlier than they need."""
+HALF_TURN_DEG = 180.0
 SLOWEST = {"pan": 0.01, "tilt": 0.01, "zoom": 0.001}
 """Below, in deg/s and shares of the fastest zoom, it is rest."""
 _MARGIN = 1e-9
@@ -61,9 +62,16 @@ def set_point(
     if asked.wish is MoveWish.TO:
         aimed = reading_of(rig, HeadPose(pan_deg=asked.pan_deg, tilt_deg=asked.tilt_deg, zoom=start.zoom))
     elif asked.wish is MoveWish.BY:
-        pose = shown_pose(rig, start)
-        tilt_deg = pose.tilt_deg + asked.tilt_deg
-        aimed = reading_of(rig, HeadPose(pan_deg=pose.pan_deg + asked.pan_deg, tilt_deg=tilt_deg, zoom=pose.zoom))
+        if abs(asked.pan_deg) > HALF_TURN_DEG and limits.endless_pan:
+            message = f"pan {asked.pan_deg:g}°: a head that turns on and on takes the shorter way; ask for 180° at most"
+            raise RequestRefused("invalid", message, "$.by.pan_deg")
+        # in the camera's own angles, which do not wrap: 300° to the right is never 60° to the left
+        pan, tilt = rig.head.pan, rig.head.tilt
+        aimed = HeadReading(
+            pan_deg=start.pan_deg + asked.pan_deg / (pan.sign * pan.scale),
+            tilt_deg=start.tilt_deg + asked.tilt_deg / (tilt.sign * tilt.scale),
+            zoom=start.zoom,
+        )
     else:
         aimed = _aimed_at_pixels(rig, asked, start=start, rests=rests, fill=fill)
     zoom = aimed.zoom if asked.hfov_deg is None else _zoom_of(rig, limits, asked.hfov_deg)

@@ -45,6 +45,20 @@ class Grid:
 
     def free(self, span: Span) -> bool:
         """Whether no pose of a rectangle, cut to the grid, lies in a taken cell."""
+        low, high, left, right = self._bounds(span)
+        sums = self._sums
+        count = sums[high + 1, right + 1] - sums[low, right + 1] - sums[high + 1, left] + sums[low, left]
+        return int(count) == 0
+
+    def owners(self, span: Span) -> list[int]:
+        """Who takes cells of a rectangle, cut to the grid, in their order."""
+        low, high, left, right = self._bounds(span)
+        columns = np.arange(left, right + 1) % self.owner.shape[1]
+        found = np.unique(self.owner[low : high + 1][:, columns])
+        return [int(number) for number in found if number >= 0]
+
+    def _bounds(self, span: Span) -> tuple[int, int, int, int]:
+        """First and last row and column of a rectangle; columns of an endless head may count on beyond the last."""
         rows, columns = self.owner.shape
         low, high = (min(max(self._row(tilt), 0), rows - 1) for tilt in span.tilt_deg)
         left, right = (math.floor((pan - _pan_from_deg(self.limits)) / CELL_DEG) for pan in span.pan_deg)
@@ -55,9 +69,7 @@ class Grid:
                 left, right = 0, columns - 1
         else:
             left, right = min(max(left, 0), columns - 1), min(max(right, 0), columns - 1)
-        sums = self._sums
-        count = sums[high + 1, right + 1] - sums[low, right + 1] - sums[high + 1, left] + sums[low, left]
-        return int(count) == 0
+        return low, high, left, right
 
     def border(self) -> list[Cell]:
         """Free cells beside taken ones: whoever must leave a taken cell by the shortest way ends in one of them."""

@@ -209,7 +209,8 @@ class Reach:
         if share >= 1.0:
             return speed, ""
         slower = replace(speed, pan_deg_s=speed.pan_deg_s * share, tilt_deg_s=speed.tilt_deg_s * share)
-        return slower, f"zones {', '.join(zone.name for zone in self.no_go)}"
+        ahead = [] if self._closed is None else self._closed.owners(here.drifted(speed, foresight_s))
+        return slower, f"zones {', '.join(self.no_go[number].name for number in ahead)}"
 
     @property
     def widest(self) -> float:
