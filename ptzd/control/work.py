@@ -115,7 +115,7 @@ class Work:
     def way_to(self, target: HeadReading) -> list[HeadReading] | str:
         """Set points that lead to a target within the limits, or why the head does not go there."""
         reach, head = self.reach, self.head
-        pose = f"the camera's own pan {target.pan_deg:.2f}°, tilt {target.tilt_deg:.2f}°"
+        pose = f"pan {target.pan_deg:.2f}°, tilt {target.tilt_deg:.2f}°"
         objection = reach.objection(target)
         if objection is not None:
             return f"{pose} is {objection}"
