@@ -298,15 +298,16 @@ def summary(found: Sequence[dict[str, object]]) -> str:
 def _cell(rows_: Sequence[dict[str, object]]) -> str:
     trials, first, locked, wrong = (sum(int(r[k]) for r in rows_) for k in ("trials", "first_look", "locked", "wrong"))
     weights = [(float(r["saved_mean_s"]), int(r["locked"])) for r in rows_ if r["saved_mean_s"] is not None]
-    saved = sum(s * n for s, n in weights) / max(sum(n for _, n in weights), 1)
-    return f"first look {first} of {trials}, locked {locked}, wrong {wrong}, {saved:+.2f} s saved"
+    count = sum(n for _, n in weights)
+    saved = f", {sum(s * n for s, n in weights) / count:.2f} s saved" if count and rows_[0]["locks"] else ""
+    return f"first look {first}, locked {locked}, wrong {wrong} of {trials}{saved}"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", nargs="+", default=list(SCENES))
     parser.add_argument("--conditions", nargs="+", default=list(CONDITIONS))
-    parser.add_argument("--tests", type=int, default=30)
+    parser.add_argument("--tests", type=int, default=16)
     parser.add_argument("--rows", type=Path, nargs="+", help="rows printed by earlier runs, in place of a run")
     parser.add_argument("--write", action="store_true", help="into docs/accuracy.md and README")
     args = parser.parse_args()
