@@ -31,11 +31,11 @@ STRUCTURE = 2.5
 """Standard deviation of a block's structure, grey levels, in both pictures: several times the noise that is left."""
 LIKE = 0.6
 """Correlation from which a block shows the same."""
-MOST, HALF, FEW = 0.7, 0.5, 0.25
+MOST, HALF, FEW = 0.8, 0.5, 0.25
 """Shares of the blocks that show the same: from the first a contradiction counts, from the second an agreement does,
 and up to the last there is none."""
-BLOCKS = 10
-"""Blocks with structure that a verdict needs."""
+BLOCKS, WITNESSES = 10, 14
+"""Blocks with structure that an agreement needs, and a contradiction."""
 NOTICED_PX = 4.0
 """A smaller turn or slip cannot be told from a trembling mast."""
 LEAST_DEG = 0.3
@@ -86,7 +86,7 @@ def compare(rig: Rig, before: Grey, at: HeadReading, after: Grey, then: HeadRead
         return replace(nothing, verdict=Turn.AGREES, share=said.share) if said.share >= HALF else nothing
     if nothing.turned:
         still = _agreement(rig, wide, narrow, replace(wide.reading, zoom=narrow.reading.zoom))
-        if still.blocks >= BLOCKS and still.share >= MOST:
+        if still.blocks >= WITNESSES and still.share >= MOST:
             return replace(nothing, verdict=Turn.UNMOVED, share=still.share)
     slip = _slip(rig, wide, narrow)
     if slip is None:
@@ -132,7 +132,7 @@ def _slip(rig: Rig, wide: _Look, narrow: _Look) -> tuple[float, float, float] | 
         tilt_deg = dy / WIDTH_PX * hfov_deg
         looks = replace(looks, pan_deg=looks.pan_deg + pan_deg, tilt_deg=looks.tilt_deg + tilt_deg)
     found = _agreement(rig, wide, narrow, looks)
-    if found.blocks < BLOCKS or found.share < MOST or not _noticed(_turn_rad(rig, then, looks), narrow):
+    if found.blocks < WITNESSES or found.share < MOST or not _noticed(_turn_rad(rig, then, looks), narrow):
         return None
     return looks.pan_deg - then.pan_deg, looks.tilt_deg - then.tilt_deg, found.share
 
