@@ -81,8 +81,9 @@ def zone_sheet(loaded: Loaded, pixels: Pixels | None) -> Pixels:
     place = (int(column) * MAP_PX, poses.shape[0] - 1 - int(row) * MAP_PX)
     cv2.drawMarker(poses, place, (255, 255, 255), cv2.MARKER_CROSS, 14, 2)
     cv2.putText(poses, "home", (place[0] + 8, place[1] - 6), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (255, 255, 255), 1)
+    taken: list[tuple[int, int, int, int]] = []
     for zone in zones:
-        _draw(picture, rig, zone)
+        _draw(picture, rig, zone, taken)
     height = max(picture.shape[0], poses.shape[0])
     sides = [cv2.copyMakeBorder(one, 0, height - one.shape[0], 0, 8, cv2.BORDER_CONSTANT) for one in (picture, poses)]
     return np.hstack(sides).astype(np.uint8)
@@ -141,16 +142,34 @@ def _scale(shown: Pixels, limits: HeadLimits) -> None:
             cv2.putText(shown, f"{angle}", (2, y), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (200, 200, 200), 1)
 
 
-def _draw(picture: Pixels, rig: Rig, zone: Zone) -> None:
+def _draw(picture: Pixels, rig: Rig, zone: Zone, taken: list[tuple[int, int, int, int]]) -> None:
     for outline in zone.fisheye_outlines:
         border = _in_pixels(rig, outline)
         if len(border) > 1:
             cv2.polylines(picture, [border], isClosed=False, color=COLOURS[zone.kind], thickness=2)
     border = _in_pixels(rig, zone.fisheye_outlines[0])
     if len(border):
-        place = (int(border[:, 0, 0].min()), max(int(border[:, 0, 1].min()) - 5, 12))
-        text = f"{zone.name} ({zone.kind})"
-        cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.5, COLOURS[zone.kind], 1, cv2.LINE_AA)
+        place = (int(border[:, 0, 0].min()), int(border[:, 0, 1].min()) - 5)
+        _label(picture, f"{zone.name} ({zone.kind})", place, COLOURS[zone.kind], taken)
+
+
+def _label(
+    picture: Pixels,
+    text: str,
+    place: tuple[int, int],
+    colour: tuple[int, int, int],
+    taken: list[tuple[int, int, int, int]],
+) -> None:
+    """Write on a dark ground, inside the picture, and below what was written there before."""
+    (width, height), under = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.5, 1)
+    high = height + under + 4
+    x, y = max(min(place[0], picture.shape[1] - width - 2), 2), max(place[1], height + 4)
+    for left, top, right, bottom in sorted(taken, key=lambda box: box[1]):
+        if x < right and x + width > left and y - height - 2 < bottom and y + under + 2 > top:
+            y = bottom + height + 3
+    taken.append((x, y - height - 2, x + width, y - height - 2 + high))
+    cv2.rectangle(picture, (x - 2, y - height - 2), (x + width + 2, y + under + 2), (20, 20, 20), cv2.FILLED)
+    cv2.putText(picture, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, 1, cv2.LINE_AA)
 
 
 def _in_pixels(rig: Rig, outline: Outline) -> NDArray[np.int32]:
