@@ -7,8 +7,11 @@ Python cannot hold. What is wrong is told with its line.
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import re
+import stat
 from collections.abc import Hashable
 from pathlib import Path
 from typing import Any
@@ -155,6 +158,27 @@ def parse_mapping(text: str) -> dict[str, Any]:
     return document
 
 
+def open_regular(path: Path) -> int:
+    """Open a file that somebody named, for reading; returns its descriptor.
+
+    Raises
+    ------
+    OSError
+        It cannot be opened, or is no regular file: a pipe would be waited for without end, and with it whoever waits.
+    """
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    if stat.S_ISREG(os.fstat(descriptor).st_mode):
+        return descriptor
+    os.close(descriptor)
+    raise OSError(errno.EINVAL, "is no regular file", str(path))
+
+
+def read_regular(path: Path, most: int = -1) -> bytes:
+    """Read a regular file, at most so many bytes; OSError as of `open_regular`."""
+    with os.fdopen(open_regular(path), "rb") as file:
+        return file.read(most)
+
+
 def read_text(path: Path) -> str:
     """Read a file of at most `LARGEST_BYTES`.
 
@@ -165,8 +189,7 @@ def read_text(path: Path) -> str:
     DocumentError
         It is too large or no UTF-8.
     """
-    with path.open("rb") as file:
-        data = file.read(LARGEST_BYTES + 1)
+    data = read_regular(path, LARGEST_BYTES + 1)
     if len(data) > LARGEST_BYTES:
         raise DocumentError(f"larger than {LARGEST_BYTES:,} bytes; is it the right file?")
     try:

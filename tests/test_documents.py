@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 
 import msgspec
 import pytest
@@ -11,9 +12,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ptzd.app.loading import load
+from ptzd.calibration.pictures import read_grey
 from ptzd.config import Config, parse_config
-from ptzd.documents import DEEPEST, LARGEST_BYTES, DocumentError, parse_json, parse_mapping, parse_yaml, read_text
-from ptzd.errors import ConfigError
+from ptzd.devices.vapix.credentials import read_credentials
+from ptzd.documents import (
+    DEEPEST,
+    LARGEST_BYTES,
+    DocumentError,
+    parse_json,
+    parse_mapping,
+    parse_yaml,
+    read_regular,
+    read_text,
+)
+from ptzd.errors import ConfigError, PtzdError
+from ptzd.log.records import RecordFile
 
 plain = st.recursive(
     st.none()
@@ -114,6 +127,23 @@ def test_a_number_may_be_written_as_in_yaml_1_2():
 def test_a_document_that_is_no_mapping_says_what_it_is():
     with pytest.raises(DocumentError, match="holds list, no mapping"):
         parse_mapping("[1]")
+
+
+@pytest.mark.parametrize(
+    "read",
+    [
+        read_text,
+        read_regular,
+        lambda path: RecordFile(path).__enter__(),
+        read_grey,
+        lambda path: read_credentials("ptzd", str(path), setting="ptz"),
+    ],
+)
+def test_a_pipe_where_a_file_was_named_is_refused_and_waited_for_by_nobody(tmp_path, read):
+    pipe = tmp_path / "settings"
+    os.mkfifo(pipe)
+    with pytest.raises((OSError, PtzdError), match="no regular file"):
+        read(pipe)
 
 
 def test_a_file_beyond_all_measure_is_not_read(tmp_path):

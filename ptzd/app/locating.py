@@ -21,7 +21,7 @@ from ptzd.control.planning.reach import reach_of
 from ptzd.control.planning.views import ScanPlan, plan_views
 from ptzd.control.planning.zones import zones_of
 from ptzd.control.wording import range_in_words, scaled
-from ptzd.documents import DocumentError, parse_json, read_text
+from ptzd.documents import DocumentError, parse_json, read_regular, read_text
 from ptzd.errors import DeviceGarbled, PtzdError, RequestRefused
 from ptzd.geometry.arc import EpipolarArc
 from ptzd.geometry.rig import Rig
@@ -228,7 +228,7 @@ def _range_m(inverse_range: float) -> float | None:
 
 def _read_grey(path: Path, size_px: tuple[int, int], what: str) -> NDArray[np.uint8]:
     try:
-        pixels = decode_file(path.read_bytes())
+        pixels = decode_file(read_regular(path))
     except OSError as error:
         raise DataError(f"{path}: {error.strerror}") from None
     except DeviceGarbled as error:

@@ -13,7 +13,7 @@ from mcap.opcode import Opcode
 from ptzd.app.fingerprint import fingerprint
 from ptzd.app.loading import checked_rig, load_config
 from ptzd.config import parse_config
-from ptzd.documents import DocumentError, parse_yaml
+from ptzd.documents import DocumentError, parse_yaml, read_regular
 from ptzd.errors import CalibrationError, LogError
 from ptzd.log.migrations import settings_now
 from ptzd.log.reader import LogReader
@@ -123,6 +123,6 @@ def _settings(path: Path, run: RunInfo) -> object:
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text()
+        return read_regular(path).decode()
     except (OSError, UnicodeDecodeError) as error:
         raise CalibrationError(f"{path}: cannot be read: {error}") from None

@@ -14,6 +14,7 @@ from ptzd.control.activities.home import home_of
 from ptzd.control.planning.grid import CELL_DEG, cell_axes, cells_of
 from ptzd.control.planning.marks import taken_by
 from ptzd.control.planning.zones import zones_of
+from ptzd.documents import read_regular
 from ptzd.errors import ConfigError, DeviceGarbled
 from ptzd.geometry.outline import Outline
 from ptzd.geometry.rig import Rig
@@ -48,7 +49,7 @@ def zone_lines(loaded: Loaded) -> list[str]:
 def read_picture(path: Path) -> Pixels:
     """Read a picture of the fisheye from a file; DataError when it cannot be read."""
     try:
-        return decode_file_bgr(path.read_bytes())
+        return decode_file_bgr(read_regular(path))
     except OSError as error:
         raise DataError(f"{path}: {error.strerror}") from None
     except DeviceGarbled as error:

@@ -13,6 +13,7 @@ import cv2
 from ptzd.calibration.detect import Detection, Grey, detect, size_seen
 from ptzd.calibration.target import Target, TargetKind
 from ptzd.calibration.views import BoardView, Status, ViewVerdict
+from ptzd.documents import read_regular
 from ptzd.errors import CalibrationError, DeviceGarbled
 from ptzd.jpeg.pixels import decode_file
 
@@ -58,7 +59,7 @@ def read_grey(path: Path) -> Grey | None:
 
 def _bytes(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        return read_regular(path)
     except OSError as error:
         raise CalibrationError(f"{path}: {error.strerror}") from None
 

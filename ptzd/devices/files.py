@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import Self
 
 from ptzd.config import FilesSource
+from ptzd.documents import read_regular
 from ptzd.errors import DeviceError, DeviceGarbled, DeviceLost, DeviceRefused
 from ptzd.jpeg.pixels import decode_file_bgr, encode_jpeg
 from ptzd.jpeg.walk import whole_length
@@ -149,7 +150,7 @@ def read_picture(path: Path) -> bytes:
         It cannot be read.
     """
     try:
-        data = path.read_bytes()
+        data = read_regular(path)
     except OSError as error:
         raise DeviceLost(f"{path}: {error.strerror}") from error
     if path.suffix.lower() in JPEG_SUFFIXES:

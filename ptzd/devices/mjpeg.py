@@ -8,6 +8,7 @@ tells only where a broken picture ends.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from ptzd.errors import DeviceGarbled
@@ -67,14 +68,17 @@ class MultipartParser:
         self._damaged = 0
         self._whole = 0
 
-    def feed(self, data: bytes) -> list[Part]:
-        """Take the next bytes of the stream, return the pictures they complete, damaged ones included."""
+    def feed(self, data: bytes) -> Iterator[Part]:
+        """Take the next bytes; the pictures they complete, damaged ones included, are cut out one by one."""
         self._buffer += data
         self._bytes += len(data)
+        return self._cut_out()
+
+    def _cut_out(self) -> Iterator[Part]:
         parts: list[Part] = []
         while self._advance(parts):
-            pass
-        return parts
+            yield from parts
+            parts.clear()
 
     def seen(self) -> str:
         """What came so far, for a message about a stream that shows nothing."""

@@ -16,6 +16,10 @@ Deliver = Callable[[bytes | None, int], None]
 """Takes a picture's bytes, or None for a damaged one, and when its last byte arrived."""
 
 
+PARTS_A_TURN = 32
+"""A chunk of nothing but beginnings of pictures has thousands: others on the loop have their turn between them."""
+
+
 async def read_mjpeg(
     client: CameraClient, request: Request[None], *, clock: Clock, stall_s: float, deliver: Deliver
 ) -> None:
@@ -49,7 +53,9 @@ async def read_mjpeg(
                 # what came faster than it is read is there at once: without a pause the loop would see nothing else
                 await asyncio.sleep(0)
                 arrival_ns = clock.now_ns()
-                for part in parser.feed(chunk):
+                for number, part in enumerate(parser.feed(chunk), start=1):
+                    if number % PARTS_A_TURN == 0:
+                        await asyncio.sleep(0)
                     deliver(part.body if part.complete else None, arrival_ns)
                     if part.complete:
                         patience.reschedule(loop.time() + stall_s)

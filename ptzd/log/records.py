@@ -23,6 +23,7 @@ from mcap.records import Chunk
 from mcap.stream_reader import get_chunk_data_stream
 from zstandard import ZstdError
 
+from ptzd.documents import open_regular
 from ptzd.errors import LogError
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -118,7 +119,7 @@ class RecordFile:
 
     def __enter__(self) -> Self:
         try:
-            self._fd = os.open(self.path, os.O_RDONLY | os.O_CLOEXEC)
+            self._fd = open_regular(self.path)
             self.size = os.fstat(self._fd).st_size
             start = os.pread(self._fd, len(MAGIC), 0)
         except OSError as error:

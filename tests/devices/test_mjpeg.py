@@ -96,20 +96,20 @@ def test_noise_alone_never_raises(noise, at):
 def test_a_picture_is_given_out_with_its_last_byte():
     data = b"--name\r\nContent-Type: image/jpeg\r\n\r\n" + PICTURES[0]
     parser = MultipartParser("name")
-    assert parser.feed(data[:-1]) == []
+    assert list(parser.feed(data[:-1])) == []
     assert [part.body for part in parser.feed(data[-1:])] == [PICTURES[0]]
 
 
 def test_noise_takes_no_memory():
     parser = MultipartParser("name")
     for _ in range(100):
-        parser.feed(bytes(10_000))
+        list(parser.feed(bytes(10_000)))
     assert len(parser._buffer) < 1000
 
 
 def test_a_picture_without_end_is_given_up_at_the_cap_and_the_next_one_comes():
     parser = MultipartParser("name")
-    parser.feed(PICTURES[0][:-2])
+    list(parser.feed(PICTURES[0][:-2]))
     broken = [part for _ in range(MAX_PART_BYTES // (1 << 20) + 1) for part in parser.feed(bytes(1 << 20))]
     assert [part.complete for part in broken] == [False]
     assert [part.body for part in parser.feed(b"--name\r\n\r\n" + PICTURES[1])] == [PICTURES[1]]
@@ -140,7 +140,7 @@ def test_what_is_no_stream_is_said_with_the_content_type(content_type):
 def test_what_was_seen_in_place_of_pictures_is_told():
     parser = MultipartParser("name")
     assert parser.seen() == "nothing came"
-    parser.feed(b"<html>sign in</html>")
+    list(parser.feed(b"<html>sign in</html>"))
     assert "begins with b'<html>sign in</html" in parser.seen()
-    parser.feed(PICTURES[0][:-9] + PICTURES[1])
+    list(parser.feed(PICTURES[0][:-9] + PICTURES[1]))
     assert "1 whole and 1 broken" in parser.seen()

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from ptzd.documents import read_regular
 from ptzd.errors import ConfigError
 
 CREDENTIAL_NAME = "axis-password"
@@ -71,8 +72,7 @@ def read_credentials(
     culprit = f"{setting}.password_file"
     path = _path(password_file, culprit, environment)
     try:
-        with path.open("rb") as file:
-            data = file.read(MAX_PASSWORD_BYTES + 1)
+        data = read_regular(path, MAX_PASSWORD_BYTES + 1)
     except OSError as error:
         raise ConfigError(f"{culprit}: cannot read {path}: {error.strerror}") from None
     return Credentials(user=user, password=Secret(_only_line(data, culprit, path)))

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 
 import pytest
 from aiohttp import web
@@ -125,3 +126,25 @@ async def test_a_page_is_no_stream(source_of, camera):
     async with source_of() as source:
         with pytest.raises(DeviceGarbled, match="content type 'text/html"):
             await anext(source.pictures())
+
+
+async def test_a_stream_of_nothing_but_beginnings_leaves_others_their_turn(source_of, camera):
+    """Thousands of them are in every chunk."""
+    camera.frame = lambda _: b"\xff\xd8" * 40_000
+    turns, ticking = 0, True
+
+    async def tick() -> None:
+        nonlocal turns
+        while ticking:
+            turns += 1
+            await asyncio.sleep(0)
+
+    ticker = asyncio.create_task(tick())
+    async with source_of(stall_s=1.0) as source:
+        with pytest.raises(DeviceLost, match="broken JPEG pictures") as lost:
+            await anext(source.pictures())
+    ticking = False
+    await ticker
+    broken = int(re.search(r"and ([0-9]+) broken", str(lost.value).replace(",", ""))[1])
+    assert broken > 10_000
+    assert turns > broken // 40, "a turn for every 32 of them"
