@@ -111,11 +111,12 @@ class CoreHandlers:
                 return
             token = self._token(arrival, self._keys.full(f"control/{verb}"))
             if arrival.query is None or token is not None:
-                control = ControlReceived(token=token, verb=verb)
-                if verb in {Verb.STOP, Verb.HOME}:
+                event = _refused_unless_empty(arrival, token) or ControlReceived(token=token, verb=verb)
+                taken = self._offer(event, token)
+                # only a verb that the core is told takes anything away: who is refused must find all as it was
+                if taken and isinstance(event, ControlReceived) and verb in {Verb.STOP, Verb.HOME}:
                     self._halted_ns = max(self._halted_ns, arrival.t_ns)
                     self._overtake()
-                self._offer(_refused_unless_empty(arrival, token) or control, token)
 
         return handle
 
@@ -185,13 +186,15 @@ class CoreHandlers:
         if arrival.query is not None:
             self._replies.drop(arrival.query)
 
-    def _offer(self, event: Event, token: int | None) -> None:
+    def _offer(self, event: Event, token: int | None) -> bool:
+        """Hand on; False when there was no room and whoever asked was told so."""
         if self._events.offer(event):
-            return
+            return True
         if token is None:
             self.dropped += 1
         else:
             self._pending.refuse(token, BUSY)
+        return False
 
 
 def _too_large(arrival: Arrival, about: str | None = None) -> PayloadRefused | None:

@@ -10,10 +10,10 @@ import pytest
 import zenoh
 from zenoh.handlers import Callback
 
-from ptzd.bus import answers, replies
+from ptzd.bus import answers, event_queue, replies
 from ptzd.bus.replies import Replies
 from ptzd.control.commands import ReplyRefused
-from ptzd.control.events import ControlReceived, PayloadRefused, RequestReceived, Verb
+from ptzd.control.events import ControlReceived, GotoAsked, PayloadRefused, RequestReceived, Verb
 
 PATIENCE_S = 100.0
 
@@ -65,6 +65,30 @@ async def test_a_stop_goes_first_and_what_waited_before_it_moves_nothing_after_i
         bus._pending.refuse(event.token, replies.ErrorReply(code="done", message="done"))
     assert [(await heard.all())[0]["code"] for heard in (stop, *waiting)] == ["done"] * 22
     del later
+
+
+@pytest.mark.parametrize("payload", [b'{"hard":1}', b"ON", b"x" * 9000])
+@pytest.mark.parametrize("verb", [Verb.STOP, Verb.HOME])
+async def test_a_verb_that_is_refused_takes_nothing_away(bus, raw, verb, payload):
+    waiting = [Heard(raw, "ptzd/hall/roi", request(f"r{n}")) for n in range(3)]
+    waiting.append(Heard(raw, "ptzd/hall/control/goto", b'{"place":"gate"}'))
+    await until(lambda: len(bus._events._events) == 4)
+    raw.put(f"ptzd/hall/control/{verb}", payload)
+    await until(lambda: len(bus._events._events) == 5)
+    last = Heard(raw, "ptzd/hall/roi", request("after"))
+    await until(lambda: len(bus._events._events) == 6)
+    kinds = [type(event) for event in bus._events._events]
+    assert kinds == [*[RequestReceived] * 3, GotoAsked, PayloadRefused, RequestReceived]
+    del waiting, last
+
+
+async def test_a_stop_for_which_there_is_no_room_takes_nothing_away(bus, raw, monkeypatch):
+    waiting = Heard(raw, "ptzd/hall/roi", request("first"))
+    await until(lambda: len(bus._events._events) == 1)
+    monkeypatch.setattr(event_queue, "URGENT", 0)
+    assert (await Heard(raw, "ptzd/hall/control/stop").all())[0]["code"] == "busy"
+    assert isinstance(bus._events._events[0], RequestReceived)
+    del waiting
 
 
 @pytest.mark.parametrize("verb", [Verb.HOLD, Verb.RELEASE])
