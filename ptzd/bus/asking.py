@@ -8,9 +8,9 @@ from typing import TypeVar
 
 import msgspec
 import zenoh
-from msgspec import Struct
 from zenoh.handlers import Callback
 
+from ptzd.bus.encode import Encoded
 from ptzd.bus.keys import ANY_RIG, Keys, is_id
 from ptzd.bus.messages import ErrorReply, Status, encoding
 from ptzd.errors import BusError, RequestRefused
@@ -20,7 +20,7 @@ _Ask = Callable[["Callback[zenoh.Reply]"], object]
 
 
 async def ask(
-    session: zenoh.Session, key: str, answer: type[_M], timeout_s: float, message: Struct | None = None
+    session: zenoh.Session, key: str, answer: type[_M], timeout_s: float, message: Encoded | None = None
 ) -> list[tuple[str, _M]]:
     """Everybody's answers to a query with the keys they came on, at least one.
 
@@ -37,8 +37,8 @@ async def ask(
         lambda callback: session.get(
             key,
             callback,
-            payload=None if message is None else msgspec.json.encode(message),
-            encoding=None if message is None else encoding(type(message).__name__),
+            payload=None if message is None else message.payload,
+            encoding=None if message is None else message.encoding,
             timeout=timeout_s,
             # Everybody: Zenoh would ask the nearest alone of those who say that they know all there is.
             target=zenoh.QueryTarget.ALL,
@@ -59,7 +59,7 @@ async def ask(
 
 
 async def ask_one(
-    session: zenoh.Session, key: str, answer: type[_M], timeout_s: float, message: Struct | None = None
+    session: zenoh.Session, key: str, answer: type[_M], timeout_s: float, message: Encoded | None = None
 ) -> _M:
     """The first answer to a query; raises as :func:`ask`."""
     return (await ask(session, key, answer, timeout_s, message))[0][1]

@@ -14,16 +14,15 @@ Whoever cannot use Python needs no more than a Zenoh client and JSON: ``ptzd sch
 from __future__ import annotations
 
 import asyncio
+import math
 import secrets
 from collections.abc import AsyncIterator, Sequence
 from types import TracebackType
 from typing import Literal
 
-import msgspec
-
 from ptzd.bus.asking import ask_one
-from ptzd.bus.connection import OperatedConnection
-from ptzd.bus.decode import decode
+from ptzd.bus.connection import OperatedConnection, check_time
+from ptzd.bus.encode import encode
 from ptzd.bus.fields import BoxPx
 from ptzd.bus.following import Following
 from ptzd.bus.keys import Keys, check_id
@@ -42,7 +41,6 @@ from ptzd.bus.messages import (
     RoiUpdate,
     Status,
     ZoomTo,
-    encoding,
 )
 from ptzd.errors import BusError, RequestRefused
 
@@ -100,7 +98,7 @@ class Client(OperatedConnection):
         frame_seq, frame_t_capture_ns : int
             The frame the box was drawn on, by one of the two; default: the newest.
         range_m : (float, float or None)
-            Nearest and farthest distance, m (baselines on a rig without scale); None as the farthest is infinity.
+            Nearest and farthest distance, m (baselines on a rig without scale); None or inf as the farthest: no end.
         zoom : str or float
             ``fit``, ``keep``, or a horizontal field of view in degrees.
         fill : float
@@ -125,7 +123,7 @@ class Client(OperatedConnection):
             id=secrets.token_hex(8) if id is None else id,
             box=_box(box),
             frame=_frame(frame_seq, frame_t_capture_ns),
-            range_m=RangeM(min=range_m[0], max=range_m[1]) if range_m else None,
+            range_m=_range(range_m) if range_m else None,
             zoom=zoom if isinstance(zoom, str) else ZoomTo(hfov_deg=zoom),
             fill=fill,
             hold_s=hold_s,
@@ -135,12 +133,12 @@ class Client(OperatedConnection):
             by=by,
         )
         check_id(request.id)
-        decode(msgspec.json.encode(request), RoiRequest)
+        message = encode(request)
         known = request.id in self._following
         keys = await self._keys()
         self._follow(keys, request.id)
         try:
-            return await ask_one(self._session, keys.full("roi"), Accepted, self._timeout_s, request)
+            return await ask_one(self._session, keys.full("roi"), Accepted, self._timeout_s, message)
         except (BusError, RequestRefused):
             if not known:
                 self._following.pop(request.id).end()
@@ -173,9 +171,13 @@ class Client(OperatedConnection):
 
         Raises
         ------
+        RequestRefused
+            When the id or the time is none.
         BusError
             When there is no result in time, or the daemon has gone.
         """
+        if timeout_s is not None:
+            check_time("timeout_s", timeout_s)
         try:
             async with asyncio.timeout(timeout_s):
                 following = await self._follow_asking(request_id)
@@ -195,7 +197,7 @@ class Client(OperatedConnection):
             ``unknown_id`` when there is no such request.
         """
         key = (await self._keys()).of_request(request_id, "cancel")
-        return (await ask_one(self._session, key, CancelReply, self._timeout_s, Empty())).outcome
+        return (await ask_one(self._session, key, CancelReply, self._timeout_s, encode(Empty()))).outcome
 
     async def update(
         self,
@@ -212,10 +214,9 @@ class Client(OperatedConnection):
         RequestRefused
             When the id or the box is none.
         """
-        update = RoiUpdate(box=_box(box), frame=_frame(frame_seq, frame_t_capture_ns))
-        decode(msgspec.json.encode(update), RoiUpdate)
+        update = encode(RoiUpdate(box=_box(box), frame=_frame(frame_seq, frame_t_capture_ns)))
         key = (await self._keys()).of_request(request_id, "update")
-        self._session.put(key, msgspec.json.encode(update), encoding=encoding("RoiUpdate"), express=True)
+        self._session.put(key, update.payload, encoding=update.encoding, express=True)
 
     async def status(self) -> Status:
         """The newest status."""
@@ -228,7 +229,7 @@ class Client(OperatedConnection):
 
     async def log_files(self, *, rotate: bool = False) -> tuple[str, ...]:
         """Closed log files, oldest first; with ``rotate`` the current one is closed before."""
-        wish = LogRequest(action="rotate" if rotate else "list")
+        wish = encode(LogRequest(action="rotate" if rotate else "list"))
         key = (await self._keys()).full("log")
         return (await ask_one(self._session, key, LogReply, self._timeout_s, wish)).files
 
@@ -273,3 +274,8 @@ def _box(box: BoxLike) -> BoxPx:
 
 def _frame(seq: int | None, t_capture_ns: int | None) -> FrameName | None:
     return None if seq is None and t_capture_ns is None else FrameName(seq=seq, t_capture_ns=t_capture_ns)
+
+
+def _range(nearest_farthest: tuple[float, float | None]) -> RangeM:
+    nearest, farthest = nearest_farthest
+    return RangeM(min=nearest, max=None if farthest == math.inf else farthest)

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Sequence
 from types import TracebackType
 from typing import Literal, Self
 
-import msgspec
-
 from ptzd.bus.asking import ask, ask_one, rigs_alive, rigs_answering
 from ptzd.bus.by_hand import MoveReply, MoveRequest
-from ptzd.bus.decode import check_move, check_ranges, decode
+from ptzd.bus.encode import encode
 from ptzd.bus.keys import ANY_RIG, Keys, check_id
 from ptzd.bus.known_ranges import RangesReply, RangesRequest
 from ptzd.bus.leasing import KeptLease, keep
@@ -25,6 +24,18 @@ GOTO_WAIT_S = 32.0
 """The rig answers within 30 s: the slowest head needs 15."""
 PatrolWish = Literal["start", "pause", "resume", "stop"]
 Verb = Literal["home", "stop", "hold", "release"]
+
+
+def check_time(name: str, time_s: float) -> None:
+    """Refuse a wait that has no end or is none: timers would take it and never, or at once, go off.
+
+    Raises
+    ------
+    RequestRefused
+        With the time.
+    """
+    if not (time_s > 0 and math.isfinite(time_s)):
+        raise RequestRefused("invalid", f"{name} {time_s:g}: must be a finite number of seconds above 0", name)
 
 
 class Connection:
@@ -42,6 +53,11 @@ class Connection:
         Zenoh JSON5 file with certificates and the like.
     timeout_s : float
         How long to wait for the answer to a question, s.
+
+    Raises
+    ------
+    RequestRefused
+        When the time is none.
     """
 
     def __init__(
@@ -51,6 +67,7 @@ class Connection:
         self._rig = rig
         self._prefix = prefix
         self._config_file = config_file
+        check_time("timeout_s", timeout_s)
         self._timeout_s = timeout_s
 
     @classmethod
@@ -119,10 +136,10 @@ class OperatedConnection(Connection):
         if verb == "stop" and self._rig is None:
             with contextlib.suppress(BusError):  # nobody may ask all rigs at once; then the one that is there
                 everywhere = Keys(self._prefix, ANY_RIG).full("control/stop")
-                stopped = await ask(self._session, everywhere, ControlReply, self._timeout_s, Empty())
+                stopped = await ask(self._session, everywhere, ControlReply, self._timeout_s, encode(Empty()))
                 return ", ".join(sorted({reply.outcome for _, reply in stopped}))
         key = (await self._keys()).full(f"control/{verb}")
-        return (await ask_one(self._session, key, ControlReply, self._timeout_s, Empty())).outcome
+        return (await ask_one(self._session, key, ControlReply, self._timeout_s, encode(Empty()))).outcome
 
     def lease(
         self, owner: str, *, for_s: float | None = None, rank: int = 0
@@ -148,9 +165,9 @@ class OperatedConnection(Connection):
     async def ask_lease(self, request: LeaseRequest) -> LeaseReply:
         """One wish on the lease: take, renew, give, or ask whoever has it; returns the lease as it is then."""
         check_id(request.owner)
-        decode(msgspec.json.encode(request), LeaseRequest)
+        message = encode(request)
         key = (await self._keys()).full("control/lease")
-        return await ask_one(self._session, key, LeaseReply, self._timeout_s, request)
+        return await ask_one(self._session, key, LeaseReply, self._timeout_s, message)
 
     async def goto(self, place: str, *, by: str = "", hold_s: float | None = None) -> GotoReply:
         """Send the head to a named place; returns when it is there.
@@ -170,15 +187,13 @@ class OperatedConnection(Connection):
             ``unknown_place`` with the nearest names, ``unreachable``, ``leased``, ``device_lost``; ``preempted`` or
             ``cancelled`` when something else has the head before it is there.
         """
-        request = GotoRequest(place=place, by=by, hold_s=hold_s)
-        decode(msgspec.json.encode(request), GotoRequest)
+        request = encode(GotoRequest(place=place, by=by, hold_s=hold_s))
         key = (await self._keys()).full("control/goto")
         return await ask_one(self._session, key, GotoReply, max(self._timeout_s, GOTO_WAIT_S), request)
 
     async def ranges(self, request: RangesRequest | None = None) -> RangesReply:
         """What locks have taught of the scene's ranges, after forgetting what the request says."""
-        asked = request or RangesRequest()
-        check_ranges(decode(msgspec.json.encode(asked), RangesRequest))
+        asked = encode(request or RangesRequest())
         key = (await self._keys()).full("control/ranges")
         return await ask_one(self._session, key, RangesReply, self._timeout_s, asked)
 
@@ -197,8 +212,7 @@ class OperatedConnection(Connection):
         RequestRefused
             ``unknown_patrol`` with the nearest names, ``unreachable`` with the place, ``no_patrol``.
         """
-        request = PatrolRequest(wish=wish, patrol=patrol)
-        decode(msgspec.json.encode(request), PatrolRequest)
+        request = encode(PatrolRequest(wish=wish, patrol=patrol))
         key = (await self._keys()).full("control/patrol")
         return (await ask_one(self._session, key, PatrolReply, self._timeout_s, request)).patrol
 
@@ -207,15 +221,13 @@ class OperatedConnection(Connection):
 
         It holds until the daemon ends, or until its settings are read again with another ``home.idle_s``.
         """
-        request = HomeAfterRequest(after_s=after_s)
-        decode(msgspec.json.encode(request), HomeAfterRequest)
+        request = encode(HomeAfterRequest(after_s=after_s))
         key = (await self._keys()).full("control/home_after")
         return (await ask_one(self._session, key, HomeAfterReply, self._timeout_s, request)).after_s
 
     async def move(self, request: MoveRequest) -> MoveReply:
         """One move of whoever has the lease; `KeptLease` has a method for each kind."""
         check_id(request.owner)
-        check_move(decode(msgspec.json.encode(request), MoveRequest))
-        return await ask_one(
-            self._session, (await self._keys()).full("control/move"), MoveReply, self._timeout_s, request
-        )
+        message = encode(request)
+        key = (await self._keys()).full("control/move")
+        return await ask_one(self._session, key, MoveReply, self._timeout_s, message)

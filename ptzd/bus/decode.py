@@ -1,7 +1,7 @@
 """From payloads of strangers to events: either a legal value or a refusal with the path of the culprit.
 
 The decoder proper is msgspec's; a second look with the standard library finds what JSON itself allows but no sane
-sender means (a key twice) and names the place of a NaN, which is no JSON at all.
+sender means (a key twice, null for a number that is none) and names the place of a NaN, which is no JSON at all.
 """
 
 from __future__ import annotations
@@ -9,13 +9,14 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Callable
 from typing import TypeVar
 
 import msgspec
 from msgspec import Struct
 
 from ptzd.bus.by_hand import LensWanted, MoveRequest
-from ptzd.bus.fields import BoxPx
+from ptzd.bus.fields import BoxPx, Incoming
 from ptzd.bus.keys import is_id
 from ptzd.bus.known_ranges import RangesRequest
 from ptzd.bus.messages import FrameName, LeaseRequest, RangeM, RoiRequest, RoiUpdate, ZoomTo
@@ -69,8 +70,26 @@ def decode(payload: bytes, message: type[_M]) -> _M:
         raise _invalid(str(error)) from None
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise _not_json(payload, str(error)) from None
-    _refuse_repeated(payload)
+    _refuse_loose(payload)
     return value
+
+
+def check(message: Incoming) -> None:
+    """Refuse what the types of a message allow and its meaning does not.
+
+    Raises
+    ------
+    RequestRefused
+        ``invalid`` with the JSON path of the culprit.
+    """
+    if isinstance(message, RoiRequest):
+        _check_range(message.range_m)
+    if isinstance(message, RoiRequest | RoiUpdate):
+        _check_frame(message.frame)
+    if isinstance(message, MoveRequest):
+        check_move(message)
+    if isinstance(message, RangesRequest):
+        _check_ranges(message)
 
 
 def too_large(size: int) -> RequestRefused:
@@ -90,8 +109,7 @@ def request_event(payload: bytes, token: int | None) -> RequestReceived | Payloa
     """
     try:
         request = decode(payload, RoiRequest)
-        _check_range(request.range_m)
-        _check_frame(request.frame)
+        check(request)
     except RequestRefused as error:
         return refused(error, token, readable_id(payload))
     return RequestReceived(
@@ -119,7 +137,7 @@ def update_event(payload: bytes, request_id: str, token: int | None) -> UpdateRe
     """
     try:
         update = decode(payload, RoiUpdate)
-        _check_frame(update.frame)
+        check(update)
     except RequestRefused as error:
         named = RequestRefused(error.code, f"update of {request_id}: {error.message}", error.field)
         return refused(named, token, None, about=request_id)
@@ -180,7 +198,7 @@ def ranges_event(payload: bytes, token: int | None) -> RangesAsked | PayloadRefu
     """What came in on ``control/ranges``."""
     try:
         asked = decode(payload or b"{}", RangesRequest)
-        check_ranges(asked)
+        check(asked)
     except RequestRefused as error:
         named = RequestRefused(error.code, f"ranges: {error.message}", error.field)
         return refused(named, token, None)
@@ -192,14 +210,7 @@ def ranges_event(payload: bytes, token: int | None) -> RangesAsked | PayloadRefu
     )
 
 
-def check_ranges(asked: RangesRequest) -> None:
-    """Refuse to forget in two ways at once.
-
-    Raises
-    ------
-    RequestRefused
-        Several are named.
-    """
+def _check_ranges(asked: RangesRequest) -> None:
     given = [name for name in ("forget_last", "forget_box", "forget_all") if getattr(asked, name)]
     if len(given) > 1:
         raise RequestRefused("invalid", f"expected at most one way to forget; there is {' and '.join(given)}", "$")
@@ -304,7 +315,7 @@ def _not_json(payload: bytes, reason: str) -> RequestRefused:
         document = _CAREFUL.decode(payload.decode())
     except (ValueError, RecursionError):
         return RequestRefused("not_json", f"the payload is not JSON in UTF-8: {reason}")
-    path = _not_finite(document, "$")
+    path = not_finite(document, "$")
     if path is None:
         return RequestRefused("not_json", f"the payload is not JSON in UTF-8: {reason}")
     return RequestRefused(
@@ -312,15 +323,20 @@ def _not_json(payload: bytes, reason: str) -> RequestRefused:
     )
 
 
-def _not_finite(value: object, path: str) -> str | None:
-    if isinstance(value, float):
-        return None if math.isfinite(value) else path
+def not_finite(value: object, path: str) -> str | None:
+    """Path of the first number in a document that is none; None when there is no such."""
+    return _path_of(value, path, lambda leaf: isinstance(leaf, float) and not math.isfinite(leaf))
+
+
+def _path_of(value: object, path: str, wanted: Callable[[object], bool]) -> str | None:
+    if wanted(value):
+        return path
     items: list[tuple[str, object]] = []
     if isinstance(value, dict):
         items = [(f"{path}.{key}", item) for key, item in value.items()]
     elif isinstance(value, list):
         items = [(f"{path}[{index}]", item) for index, item in enumerate(value)]
-    found = (_not_finite(item, inner) for inner, item in items)
+    found = (_path_of(item, inner, wanted) for inner, item in items)
     return next((inner for inner in found if inner is not None), None)
 
 
@@ -336,12 +352,19 @@ def _unique(pairs: list[tuple[str, object]]) -> dict[str, object]:
 _CAREFUL = json.JSONDecoder(object_pairs_hook=_unique)
 
 
-def _refuse_repeated(payload: bytes) -> None:
+def _refuse_loose(payload: bytes) -> None:
+    """Refuse what the decoder proper takes: a field twice, and null, which NaN and infinity are in many languages."""
     try:
-        _CAREFUL.decode(payload.decode())
+        document = _CAREFUL.decode(payload.decode())
     except _Repeated as error:
         message = f"the field `{error.key}` occurs more than once"
         raise RequestRefused("invalid", message, f"$..{error.key}") from None
+    path = _path_of(document, "$", lambda leaf: leaf is None)
+    if path is not None:
+        message = (
+            "null is no value, though many languages write NaN and infinity so; leave the field out for the default"
+        )
+        raise RequestRefused("invalid", message, path)
 
 
 def _check_range(wanted: RangeM | None) -> None:

@@ -309,6 +309,8 @@ def schema(name: str) -> dict[str, object]:
         message = f"there is no message type {name!r}; there are {', '.join(message_types())}"
         raise RequestRefused("unknown_type", message)
     body = _portable(msgspec.json.schema(MESSAGES[name]))
+    if issubclass(MESSAGES[name], Incoming):
+        body = _without_null(body)
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": f"ptzd.{name}.{VERSION}", **body}
 
 
@@ -319,3 +321,15 @@ def _portable(node: Any) -> Any:  # noqa: ANN401 - any JSON
     if isinstance(node, list):
         return [_portable(value) for value in node]
     return node.removesuffix(END) + "$" if isinstance(node, str) and node.endswith(END) else node
+
+
+def _without_null(node: Any) -> Any:  # noqa: ANN401 - any JSON
+    """What comes in has no null: a field is there or absent."""
+    if isinstance(node, list):
+        return [_without_null(value) for value in node if value != {"type": "null"}]
+    if not isinstance(node, dict):
+        return node
+    kept = {key: _without_null(value) for key, value in node.items() if (key, value) != ("default", None)}
+    if len(kept.get("anyOf", ())) == 1:
+        kept |= kept.pop("anyOf")[0]
+    return kept
