@@ -65,7 +65,7 @@ async def test_a_gear_that_slips_is_told_and_a_restart_heals_it(rig) -> None:
     await rests_at_home(rig)
     rig.rig.inject(Fault(kind=FaultKind.STUCK))
     await by_hand(rig, 12.0, -10.0, 12.0)
-    assert rig.status.doubt.startswith("stuck: reported at pan ")
+    await rig.until(lambda: rig.status.doubt.startswith("stuck: reported at pan "))
     rig.rig.inject(Fault(kind=FaultKind.REBOOT))
     await rig.until_state("FAULT")
     await rig.until_state("IDLE")
@@ -81,11 +81,11 @@ async def test_a_motor_that_takes_no_moves_is_told_from_its_reports(rig) -> None
     for name in ("one", "two"):
         await rig.request(name)
         assert (await rig.end_of(name)).outcome == "unreachable"
-    assert rig.status.doubt.startswith("stuck: told to go to pan ")
+    await rig.until(lambda: rig.status.doubt.startswith("stuck: told to go to pan "))
     rig.rig.inject(Fault(value="false", **locked))
     await rig.until_truth(lambda: not rig.rig.camera.unit.flag("PTZ.Various.V1.Locked"))
     await rig.lock("again")
-    assert rig.status.doubt == ""
+    await rig.until(lambda: rig.status.doubt == "")
 
 
 async def status_in_words(site) -> str:
