@@ -24,7 +24,8 @@ def recovered(path: Path, *, as_json: bool) -> Iterator[str]:
     """Repair a torn file in place."""
     report = recover(path)
     if as_json:
-        yield json.dumps({"file": str(report.path), "messages": report.messages, "bytes_cut": report.bytes_cut})
+        facts = {"file": str(report.path), "messages": report.messages, "bytes_cut": report.bytes_cut}
+        yield json.dumps({**facts, "parts_lost": report.parts_lost, "note": report.note})
     else:
         yield f"{report.path}: {report.note}"
 

@@ -34,9 +34,11 @@ CLOSING_BYTES = {Opcode.DATA_END: 4, Opcode.FOOTER: 20}
 """Lengths of the records that end a section, bytes."""
 
 PASSED_OVER = 0x80
-"""Private opcode that `ptzd log recover` gives to a chunk that cannot be read; every reader passes it over."""
+"""Private opcode that `ptzd log recover` gives to a stretch that cannot be read; every reader passes it over."""
 
 _HEAD = struct.Struct("<BQ")
+HEAD_BYTES = _HEAD.size
+"""Of every record: opcode and length."""
 _CHUNK = struct.Struct("<QQQI")
 _U32, _U64 = struct.Struct("<I"), struct.Struct("<Q")
 _DAMAGE = (struct.error, McapError, ValueError, OverflowError, EOFError, RuntimeError, ZstdError)
@@ -91,6 +93,16 @@ class ChunkData:
     compression: str
     packed_size: int
     """As it lies in the file, bytes."""
+
+
+class _Bounded(io.BytesIO):
+    """A record's bytes; the parsers of the mcap library take what is left for the whole, so a short read is told."""
+
+    def read(self, size: int | None = -1) -> bytes:
+        data = super().read(size)
+        if size is not None and len(data) < size:
+            raise EOFError(f"{size} bytes named, {len(data)} there")
+        return data
 
 
 class Torn(LogError):
@@ -206,7 +218,7 @@ class RecordFile:
     def parse_bytes(self, frame: Frame, data: bytes | memoryview, read: Callable[[ReadDataStream], _T]) -> _T:
         """Parse bytes found inside ``frame``; errors as for :meth:`parse`."""
         try:
-            return read(ReadDataStream(io.BytesIO(data)))
+            return read(ReadDataStream(_Bounded(data)))
         except _DAMAGE as error:
             raise self.damage(frame, f"{type(error).__name__} {error}") from None
 

@@ -1,7 +1,9 @@
-"""Make a torn file whole again: keep every whole record, cut the rest, write the summary that was never written.
+"""Make a torn file whole again: keep every whole record, cut the torn end, write the summary that was never written.
 
 In place, because the reason for a torn file is often a full disk, and because a GiB is then read once and not copied. A
-chunk whose checksum does not agree is turned into a private record (opcode 0x80), which every reader passes over.
+chunk whose checksum does not agree, and a stretch in which no record can be found, is turned into a private record
+(opcode 0x80), which every reader passes over; its bytes stay. Only an end is cut, and one that is more than the
+beginning of a record goes to a file beside it (``.cut``) before.
 """
 
 from __future__ import annotations
@@ -16,8 +18,13 @@ from pathlib import Path
 from ptzd.errors import LogError
 from ptzd.log.file import ACTIVE
 from ptzd.log.records import MAGIC, PASSED_OVER, RecordFile
+from ptzd.log.resync import torn_record
 from ptzd.log.summary import Survey, survey
 
+CUT = ".cut"
+"""What the name of an end ends with that was cut and kept; ptzd never deletes it."""
+_BLOCK = 4 << 20
+_PLACES = 5
 _SMALLEST = len(MAGIC) + 9
 """Magic and the head of one record, bytes: below it there is nothing to keep."""
 
@@ -33,8 +40,8 @@ class Recovery:
     bytes_kept: int
     bytes_cut: int
     """Behind the last whole record."""
-    chunks_lost: int
-    """Whole chunks with a wrong checksum, now passed over."""
+    parts_lost: int
+    """Chunks with a wrong checksum and stretches without a record, now passed over."""
     note: str
     """One line for a person."""
 
@@ -45,7 +52,7 @@ def recover(path: Path) -> Recovery:
     Raises
     ------
     LogError
-        No MCAP file, being written by a running daemon, or the disk refuses.
+        No MCAP file, being written by a running daemon, or the disk refuses; the file is then as it was.
     """
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
@@ -60,6 +67,7 @@ def recover(path: Path) -> Recovery:
             raise LogError(f"{path}: is being written by a running daemon; ask it to rotate instead") from None
         with RecordFile(path) as file:
             found = survey(file)
+            aside = None if found.torn is None else _set_aside(path, file, found.torn)
             if not found.whole:
                 _mend(descriptor, found)
             size = file.size
@@ -72,12 +80,34 @@ def recover(path: Path) -> Recovery:
         raise LogError(f"{path}: the disk refuses the recovery: {error.strerror}") from None
     finally:
         os.close(descriptor)
-    return _report(final, found, size)
+    return _report(final, found, size, aside)
+
+
+def _set_aside(path: Path, file: RecordFile, torn: int) -> Path | None:
+    """Keep the end that will be cut, if it may hold more than a writer's last record; the path of the copy."""
+    if torn_record(file, torn):
+        return None
+    aside = path.with_name(f"{path.name.removesuffix(ACTIVE)}.{torn}{CUT}")
+    try:
+        with aside.open("xb") as copy:
+            for start in range(torn, file.size, _BLOCK):
+                copy.write(file.read(start, _BLOCK))
+            copy.flush()
+            os.fsync(copy.fileno())
+    except FileExistsError:
+        raise LogError(f"{path}: {aside.name} exists; move it away, the end of this file goes there") from None
+    except OSError as error:
+        aside.unlink(missing_ok=True)
+        raise LogError(
+            f"{path}: left as it is: the {file.size - torn} bytes from byte {torn} are damaged and cannot be kept "
+            f"beside it: {error.strerror}; make room"
+        ) from None
+    return aside
 
 
 def _mend(descriptor: int, found: Survey) -> None:
-    for start in found.damaged:
-        os.pwrite(descriptor, bytes([PASSED_OVER]), start)
+    for frame in found.damaged:
+        os.pwrite(descriptor, bytes([PASSED_OVER]) + frame.length.to_bytes(8, "little"), frame.start)
     os.ftruncate(descriptor, found.good)
     data = memoryview(found.closing_records())
     at = found.good
@@ -88,17 +118,21 @@ def _mend(descriptor: int, found: Survey) -> None:
     os.fsync(descriptor)
 
 
-def _report(path: Path, found: Survey, size: int) -> Recovery:
+def _report(path: Path, found: Survey, size: int, aside: Path | None) -> Recovery:
     cut = 0 if found.whole else size - found.good
     note = "whole" if found.whole else f"{found.messages} messages kept, {cut} bytes cut ({found.reason})"
+    if aside is not None:
+        note += f" and kept in {aside.name}"
     if found.damaged:
-        note += f", {len(found.damaged)} damaged chunks passed over"
+        places = ", ".join(f"{frame.start} to {frame.end - 1}" for frame in found.damaged[:_PLACES])
+        more = f" and {len(found.damaged) - _PLACES} more" if len(found.damaged) > _PLACES else ""
+        note += f", {len(found.damaged)} damaged parts passed over: bytes {places}{more}"
     return Recovery(
         path=path,
         messages=found.messages,
         bytes_kept=found.good,
         bytes_cut=cut,
-        chunks_lost=len(found.damaged),
+        parts_lost=len(found.damaged),
         note=note,
     )
 

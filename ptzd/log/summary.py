@@ -7,6 +7,7 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
@@ -31,25 +32,28 @@ from ptzd.log.records import (
     CLOSING_BYTES,
     MAGIC,
     MESSAGE_HEAD_BYTES,
+    PASSED_OVER,
     Frame,
     RecordFile,
-    Torn,
     inner_frames,
     message_head,
 )
+from ptzd.log.resync import Walk, walk
 
 
 @dataclass(slots=True)
 class Survey:
-    """What a file holds, up to the first byte that cannot be trusted."""
+    """What a file holds."""
 
     good: int = len(MAGIC)
     """Offset behind the last whole record of the data section, bytes."""
     whole: bool = False
     """Nothing is to be mended."""
+    torn: int | None = None
+    """Where the data section is torn, bytes; None when its end is there."""
     reason: str = ""
-    damaged: list[int] = field(default_factory=list)
-    """Offsets of whole chunks that cannot be read."""
+    damaged: list[Frame] = field(default_factory=list)
+    """Records and stretches that cannot be read."""
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     chunks: list[ChunkIndex] = field(default_factory=list)
@@ -127,44 +131,49 @@ class Survey:
 
 
 def survey(file: RecordFile) -> Survey:
-    """Walk the data section; stops at its end or at the first record that is not whole.
+    """Note what the data section holds, past everything damaged, up to its end or to where the file is torn.
 
     Raises
     ------
     LogError
         The disk refuses.
     """
-    found = Survey()
-    _take_from_summary(file, found)
-    ended = False
-    try:
-        for frame in file.frames():
-            ended = ended or frame.ends(Opcode.DATA_END)
-            if not ended:
-                _refuse_footer(file, frame)
-                _note(file, frame, found)
-                if frame.opcode != Opcode.MESSAGE_INDEX:
-                    found.good = frame.end
-    except Torn as error:
-        found.reason = f"torn at byte {error.good}"
+    found, walked = Survey(), walk(file)
+    _take_from_summary(file, walked, found)
+    for frame, behind in pairwise([*walked.frames, None]):
+        if frame is None or frame.ends(Opcode.DATA_END):
+            break
+        if frame.opcode != Opcode.MESSAGE_INDEX:
+            found.indexed = None
+        if frame.start in walked.stretches or _was_chunk(frame, behind):
+            found.damaged.append(frame)
+            found.reason = found.reason or f"damaged at byte {frame.start}"
+        else:
+            _note(file, frame, found)
+        if frame.opcode != Opcode.MESSAGE_INDEX:
+            found.good = frame.end
     else:
-        found.whole = not found.damaged
+        found.torn = walked.torn
+    if walked.torn is not None:
+        found.reason = found.reason or f"torn at byte {walked.torn}"
+    found.whole = walked.torn is None and not found.damaged
     return found
 
 
-def _take_from_summary(file: RecordFile, found: Survey) -> None:
+def _was_chunk(frame: Frame, behind: Frame | None) -> bool:
+    """Whether indexes of messages follow a record of nobody: it is a chunk with a damaged opcode."""
+    nobodys = frame.opcode not in _NOTES and frame.opcode not in {*CLOSING_BYTES, Opcode.HEADER, PASSED_OVER}
+    return nobodys and behind is not None and behind.opcode == Opcode.MESSAGE_INDEX
+
+
+def _take_from_summary(file: RecordFile, walked: Walk, found: Survey) -> None:
     """Schemas and channels that the summary repeats: where they stood first may be damaged."""
     ended = False
     with contextlib.suppress(LogError):
-        for frame in file.frames():
+        for frame in walked.frames:
             ended = ended or frame.ends(Opcode.DATA_END)
             if ended and frame.opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
                 _NOTES[frame.opcode](file, frame, found)
-
-
-def _refuse_footer(file: RecordFile, frame: Frame) -> None:
-    if frame.ends(Opcode.FOOTER):
-        raise Torn(f"{file.path}: a footer at byte {frame.start} before the end of data", frame.start)
 
 
 def _note(file: RecordFile, frame: Frame, found: Survey) -> None:
@@ -174,7 +183,7 @@ def _note(file: RecordFile, frame: Frame, found: Survey) -> None:
         if frame.opcode in _NOTES:
             _NOTES[frame.opcode](file, frame, found)
     except LogError as error:
-        found.damaged.append(frame.start)
+        found.damaged.append(frame)
         found.reason = found.reason or str(error)
 
 
@@ -221,13 +230,14 @@ def _note_message(file: RecordFile, frame: Frame, found: Survey) -> None:
     if frame.length < MESSAGE_HEAD_BYTES:
         raise file.damage(frame, f"a message of {frame.length} bytes")
     head = message_head(memoryview(file.body(frame)))
+    if head.channel_id not in found.channels:
+        raise file.damage(frame, f"a message of channel {head.channel_id}, which was never described")
     found.counts[head.channel_id] += 1
     found.start_ns = min(found.start_ns or head.log_ns, head.log_ns)
     found.end_ns = max(found.end_ns, head.log_ns)
 
 
 def _note_chunk(file: RecordFile, frame: Frame, found: Survey) -> None:
-    found.indexed = None
     chunk = file.chunk(frame)
     data = chunk.data
     indexes: dict[int, MessageIndex] = {}

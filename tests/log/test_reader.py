@@ -143,6 +143,8 @@ def test_a_file_cut_at_any_boundary_is_torn_and_can_be_mended(small, tmp_path):
             assert "not an MCAP file" in str(refusal_of(recover, victim))
             continue
         report = recover(victim)
+        for aside in tmp_path.glob("*.cut"):
+            aside.unlink()
         with LogReader(victim) as log:
             kept = list(log.entries())
         assert kept == expected[: len(kept)], cut

@@ -93,6 +93,10 @@ def test_every_cut_keeps_every_whole_chunk(whole, tmp_path, prompt_disk):
                 recover(torn)
             return
         report = recover(torn)
+        for aside in tmp_path.glob("*.cut"):
+            assert data[:cut].endswith(aside.read_bytes())
+            assert report.messages == 0, "only descriptions that nothing follows"
+            aside.unlink()
         assert report.path == final
         assert not torn.exists()
         assert report.bytes_kept + report.bytes_cut == cut
@@ -129,8 +133,8 @@ def test_a_chunk_with_a_wrong_checksum_is_passed_over(whole, tmp_path):
     with pytest.raises(LogError, match="checksum"):
         sequences(torn)
     report = recover(torn)
-    assert report.chunks_lost == 1
-    assert "1 damaged chunks passed over" in report.note
+    assert report.parts_lost == 1
+    assert "1 damaged parts passed over" in report.note
     assert opens_everywhere(torn) == [*range(5), *range(10, 20)]
 
 
@@ -143,7 +147,7 @@ def test_a_file_whose_first_chunk_is_gone_still_knows_its_topics(whole, tmp_path
     torn = tmp_path / "yard.mcap.active"
     torn.write_bytes(data[: -len(data) // 50])
     report = recover(torn)
-    assert report.chunks_lost == 1
+    assert report.parts_lost == 1
     assert opens_everywhere(report.path) == list(range(5, 20))
     with LogReader(report.path) as log:
         assert {entry.topic for entry in log.entries()} == {EVENT, FISHEYE_IMAGE}
@@ -182,20 +186,20 @@ def test_a_record_that_damage_turned_into_an_end_ends_nothing(whole, tmp_path, w
     torn = tmp_path / "yard.mcap"
     torn.write_bytes(data)
     report = recover(torn)
-    assert report.chunks_lost == 1
+    assert report.parts_lost == 1
     expected = [*range(5), *range(10, 20)] if which == 6 else list(range(20))
     assert opens_everywhere(torn) == expected
     assert recover(torn).note == "whole"
 
 
-def test_a_footer_before_the_end_of_data_is_where_a_file_is_torn(whole, tmp_path):
+def test_a_footer_before_the_end_of_data_ends_nothing(whole, tmp_path):
     path, _ = whole
     data = path.read_bytes()
     end = _chunk_ends(path)[1]
     torn = tmp_path / "yard.mcap"
     torn.write_bytes(data[:end] + b"\x02" + (20).to_bytes(8, "little") + bytes(20) + data[end:])
-    recover(torn)
-    assert opens_everywhere(torn) == list(range(10))
+    assert recover(torn).parts_lost == 1
+    assert opens_everywhere(torn) == list(range(20))
 
 
 def test_a_file_in_use_is_left_alone(whole, tmp_path):

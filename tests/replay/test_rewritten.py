@@ -87,7 +87,7 @@ def test_a_damaged_chunk_is_named_passed_over_and_told_as_a_hole(tmp_path, capsy
         replay(file)
     active = file.rename(tmp_path / "night.mcap.active")
     report = recover(active)
-    assert report.chunks_lost == 1
+    assert report.parts_lost == 1
     with LogReader(report.path) as log:
         assert len(log.passed_over) == 1
     assert any("passed over" in hole for hole in describe(report.path).holes)
