@@ -110,7 +110,9 @@ class LogReader:
         self._metadata: list[Metadata] = []
         self._described: dict[int, str] = {}
         self.passed_over: list[int] = []
-        """Bytes at which a recovery found a chunk that cannot be read."""
+        """Bytes at which a recovery passed over a part that cannot be read."""
+        self.crossed = 0
+        """How many of these lie before the message that was read last."""
         self._schema: int | None = None
         self._pictures: dict[tuple[str, int, int], _Place] | None = None
         self._chunk: tuple[int, memoryview] = (-1, memoryview(b""))
@@ -290,7 +292,9 @@ class LogReader:
     def _messages(self, topics: Collection[str] | None) -> Iterator[_Found]:
         names = dict(self._described)
         for frame in self._frames():
-            if frame.opcode == Opcode.CHUNK:
+            if frame.opcode == PASSED_OVER:
+                self.crossed += 1
+            elif frame.opcode == Opcode.CHUNK:
                 yield from self._chunk_messages(frame, names, topics)
             elif frame.opcode == Opcode.CHANNEL:
                 self._name(frame, self._file.body(frame), names)

@@ -88,14 +88,14 @@ def _set_aside(path: Path, file: RecordFile, torn: int) -> Path | None:
     if torn_record(file, torn):
         return None
     aside = path.with_name(f"{path.name.removesuffix(ACTIVE)}.{torn}{CUT}")
+    if aside.exists() and not _begins_with(file, torn, aside):
+        raise LogError(f"{path}: {aside.name} exists; move it away, the end of this file goes there")
     try:
-        with aside.open("xb") as copy:
+        with aside.open("wb") as copy:
             for start in range(torn, file.size, _BLOCK):
                 copy.write(file.read(start, _BLOCK))
             copy.flush()
             os.fsync(copy.fileno())
-    except FileExistsError:
-        raise LogError(f"{path}: {aside.name} exists; move it away, the end of this file goes there") from None
     except OSError as error:
         aside.unlink(missing_ok=True)
         raise LogError(
@@ -103,6 +103,19 @@ def _set_aside(path: Path, file: RecordFile, torn: int) -> Path | None:
             f"beside it: {error.strerror}; make room"
         ) from None
     return aside
+
+
+def _begins_with(file: RecordFile, torn: int, aside: Path) -> bool:
+    """Whether a copy holds this end or its beginning, as a recovery leaves it that was stopped itself."""
+    if aside.is_symlink() or not aside.is_file():
+        return False
+    with aside.open("rb") as copy:
+        at = torn
+        while held := copy.read(_BLOCK):
+            if held != file.read(at, len(held)):
+                return False
+            at += len(held)
+    return True
 
 
 def _mend(descriptor: int, found: Survey) -> None:

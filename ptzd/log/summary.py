@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import struct
 import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -31,6 +32,7 @@ from ptzd.errors import LogError
 from ptzd.log.records import (
     CLOSING_BYTES,
     MAGIC,
+    MAX_RECORD,
     MESSAGE_HEAD_BYTES,
     PASSED_OVER,
     Frame,
@@ -39,6 +41,10 @@ from ptzd.log.records import (
     message_head,
 )
 from ptzd.log.resync import Walk, walk
+
+UNDESCRIBED = "/undescribed/"
+"""What the topic of a channel begins with whose description is lost; its number follows."""
+_FOOTER = struct.Struct("<QQI")
 
 
 @dataclass(slots=True)
@@ -49,6 +55,8 @@ class Survey:
     """Offset behind the last whole record of the data section, bytes."""
     whole: bool = False
     """Nothing is to be mended."""
+    undescribed: bool = False
+    """A channel is described nowhere."""
     torn: int | None = None
     """Where the data section is torn, bytes; None when its end is there."""
     reason: str = ""
@@ -156,8 +164,21 @@ def survey(file: RecordFile) -> Survey:
         found.torn = walked.torn
     if walked.torn is not None:
         found.reason = found.reason or f"torn at byte {walked.torn}"
-    found.whole = walked.torn is None and not found.damaged
+    elif not _summary_agrees(file, walked.frames[-1]):
+        found.reason = found.reason or "its summary is damaged"
+        return found
+    found.whole = walked.torn is None and not found.damaged and not found.undescribed
     return found
+
+
+def _summary_agrees(file: RecordFile, footer: Frame) -> bool:
+    """Whether the checksum of the closing summary, if there is one, is that of its bytes."""
+    start, offsets, crc = _FOOTER.unpack(file.body(footer))
+    if not start:
+        return bool(not offsets)
+    if not len(MAGIC) < start <= footer.start or footer.start - start > MAX_RECORD:
+        return False
+    return bool(not crc or zlib.crc32(file.read(start, footer.end - start - 4)) == crc)
 
 
 def _was_chunk(frame: Frame, behind: Frame | None) -> bool:
@@ -237,6 +258,15 @@ def _note_message(file: RecordFile, frame: Frame, found: Survey) -> None:
     found.end_ns = max(found.end_ns, head.log_ns)
 
 
+def _name_undescribed(found: Survey, channel_id: int) -> None:
+    """Keep messages whose description is lost under a name that guesses nothing; the other topics stay readable."""
+    found.undescribed = True
+    found.reason = found.reason or f"channel {channel_id} was never described"
+    found.channels[channel_id] = Channel(
+        id=channel_id, topic=f"{UNDESCRIBED}{channel_id}", message_encoding="", schema_id=0, metadata={}
+    )
+
+
 def _note_chunk(file: RecordFile, frame: Frame, found: Survey) -> None:
     chunk = file.chunk(frame)
     data = chunk.data
@@ -249,7 +279,7 @@ def _note_chunk(file: RecordFile, frame: Frame, found: Survey) -> None:
         if record.opcode == Opcode.MESSAGE:
             head = message_head(data, record.body)
             if head.channel_id not in found.channels:
-                raise file.damage(frame, f"a message of channel {head.channel_id}, which was never described")
+                _name_undescribed(found, head.channel_id)
             entry = indexes.setdefault(head.channel_id, MessageIndex(channel_id=head.channel_id, records=[]))
             entry.records.append((head.log_ns, record.start))
         elif record.opcode == Opcode.SCHEMA:

@@ -65,6 +65,8 @@ class Replay:
     """A request that parted before its end has none: nobody took the pictures that it would have asked for."""
     holes: list[Hole] = field(default_factory=list)
     """Where events are missing in the file; behind the first one nothing is compared."""
+    passed_over: list[int] = field(default_factory=list)
+    """Bytes at which a recovery passed over a damaged part: pictures, or commands, or events, which are holes too."""
     shadow: list[Wish] = field(default_factory=list)
     """What a shadow would have moved, as replayed; empty for a log of a head that moved."""
     differences: list[Difference] = field(default_factory=list)
@@ -98,7 +100,10 @@ class _Step:
     event: ev.Event
     commands: list[cmd.Command] = field(default_factory=list)
     whole: bool = True
-    """Whether the next event in the file is the next one that was recorded; else commands may be missing too."""
+    """Whether the next event in the file is the next one that was recorded, with no damaged part between; else commands
+    may be missing too."""
+    crossed: int = 0
+    """Damaged parts before it."""
 
     def active(self, before: str) -> str:
         """Request that is served after it, as recorded; empty when none."""
@@ -169,6 +174,7 @@ class Player:
             When the file has no snapshot at its head or is damaged.
         """
         replay, started = self._replay, time.perf_counter()
+        replay.passed_over = list(self._reader.passed_over)
         steps = _steps(self._reader)
         while True:
             before = time.perf_counter()
@@ -315,13 +321,18 @@ class Player:
 
 def _steps(reader: LogReader) -> Iterator[_Step]:
     step: _Step | None = None
+    before = reader.crossed
     for logged in reader.decisions():
+        crossed = reader.crossed - before
+        if step is not None and crossed > step.crossed:
+            step.whole = False
         if isinstance(logged, LoggedEvent):
             if step is not None:
-                step.whole = logged.sequence <= step.sequence + 1
+                step.whole = step.whole and logged.sequence <= step.sequence + 1
                 yield step
-            step = _Step(logged.sequence, logged.t_ns, logged.event)
+            step = _Step(logged.sequence, logged.t_ns, logged.event, crossed=crossed)
         elif step is not None:
             step.commands.append(logged.command)
     if step is not None:
+        step.whole = step.whole and reader.crossed - before == step.crossed
         yield step

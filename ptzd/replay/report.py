@@ -88,12 +88,13 @@ def lines(report: Report) -> Iterator[str]:
     differing = sum(bool(story.differences) for story in told)
     found = f"differences: {len(replay.differences)}, in {differing} of {len(told)} requests"
     verdict = found if differing else "no difference"
-    verdict += f", but {len(replay.holes)} holes in the recording" if replay.holes else ""
+    gaps = len(replay.passed_over) or len(replay.holes)
+    verdict += f", but {gaps} hole{'s' if gaps > 1 else ''} in the recording" if gaps else ""
     computed = f", {replay.matches} matches computed anew" if replay.matches else ""
     yield f"{report.path}: {verdict}: {replay.events} events, {replay.commands} commands{computed}"
     share = replay.reading_s / max(replay.elapsed_s, 1e-9)
     yield f"  {replay.regime}; {replay.speed:.0f}× real time, {share:.0%} of it reading"
-    for hole in replay.holes:
+    for hole in _holes(replay):
         yield f"  hole: {hole}"
     for story in told:
         yield f"  {story}"
@@ -103,6 +104,13 @@ def lines(report: Report) -> Iterator[str]:
         yield "  a shadow, nothing moved; it would have:"
         for wish in replay.shadow:
             yield f"    {wish}"
+
+
+def _holes(replay: Replay) -> Iterator[str]:
+    """What is missing in the recording, a phrase each."""
+    for start in replay.passed_over:
+        yield f"a damaged part at byte {start} was passed over by a recovery"
+    yield from map(str, replay.holes)
 
 
 def document(report: Report) -> dict[str, object]:
@@ -121,6 +129,7 @@ def document(report: Report) -> dict[str, object]:
         "replayed": {name: result.outcome.value for name, result in replay.replayed.items()},
         "shadow": [msgspec.to_builtins(wish) for wish in replay.shadow],
         "holes": [msgspec.to_builtins(hole) for hole in replay.holes],
+        "passed_over": list(replay.passed_over),
         "differences": [msgspec.to_builtins(found) for found in replay.differences],
         "speed_over_real_time": round(replay.speed, 1),
         "reading_share": round(replay.reading_s / max(replay.elapsed_s, 1e-9), 3),
@@ -145,8 +154,8 @@ def junit(reports: Sequence[Report]) -> str:
         whole = Xml.SubElement(suite, "testcase", classname=report.path.stem, name=RIG, time=f"{elapsed_s:.3f}")
         if report.error:
             Xml.SubElement(whole, "error", message=report.error)
-        if report.replay is not None and report.replay.holes:
-            Xml.SubElement(whole, "system-out").text = "\n".join(map(str, report.replay.holes))
+        if report.replay is not None and (holes := list(_holes(report.replay))):
+            Xml.SubElement(whole, "system-out").text = "\n".join(holes)
         for story in told:
             case = whole
             if story.name != RIG:

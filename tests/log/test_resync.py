@@ -10,9 +10,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
-from mcap.reader import make_reader
 
 from ptzd.app.replaying import replay
+from ptzd.cli import entry
 from ptzd.errors import LogError
 from ptzd.evidence.info import describe
 from ptzd.log.reader import LogReader
@@ -64,15 +64,19 @@ length_byte = st.tuples(
 zeroes = st.tuples(st.integers(8, len(DATA) - 1), st.integers(1, 30_000))
 
 
-@st.composite
-def damages(draw):
+flips = st.lists(st.one_of(byte, length_byte), max_size=3)
+runs = st.lists(zeroes, max_size=1)
+cuts = st.one_of(st.just(len(DATA)), st.integers(8, len(DATA)))
+
+
+def damaged(flipped, zeroed, cut):
     data = bytearray(DATA)
-    for at, mask in draw(st.lists(st.one_of(byte, length_byte), max_size=3)):
+    for at, mask in flipped:
         data[at] ^= mask
-    for at, count in draw(st.lists(zeroes, max_size=1)):
+    for at, count in zeroed:
         end = min(at + count, len(data))
         data[at:end] = bytes(end - at)
-    return bytes(data[: draw(st.one_of(st.just(len(data)), st.integers(8, len(data))))])
+    return bytes(data[:cut])
 
 
 @pytest.fixture
@@ -81,8 +85,9 @@ def folder(tmp_path, prompt_disk):
 
 
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(data=damages())
-def test_every_chunk_that_is_whole_is_kept_and_a_second_recovery_changes_nothing(folder, data):
+@given(flipped=flips, zeroed=runs, cut=cuts)
+def test_every_chunk_that_is_whole_is_kept_and_a_second_recovery_changes_nothing(folder, flipped, zeroed, cut):
+    data = damaged(flipped, zeroed, cut)
     for old in folder.iterdir():
         old.unlink()
     active = folder / "night.mcap.active"
@@ -97,8 +102,8 @@ def test_every_chunk_that_is_whole_is_kept_and_a_second_recovery_changes_nothing
     assert report.path.read_bytes() == once
     for aside in folder.glob("*.cut"):
         assert data[report.bytes_kept :].endswith(aside.read_bytes())
-    with report.path.open("rb") as stream:
-        assert sum(1 for _ in make_reader(stream, validate_crcs=True).iter_messages()) == report.messages
+    with LogReader(report.path) as log:
+        assert sum(1 for _ in log.entries()) == report.messages
     for use in (describe, replay):
         with contextlib.suppress(LogError):  # of a head that is gone; any other exception fails
             use(report.path)
@@ -106,7 +111,7 @@ def test_every_chunk_that_is_whole_is_kept_and_a_second_recovery_changes_nothing
 
 @pytest.mark.parametrize("place", range(9))
 @pytest.mark.parametrize("mask", [0x01, 0x03, 0x80, 0xFF])
-def test_a_damaged_head_of_a_chunk_costs_this_chunk(tmp_path, place, mask):
+def test_a_damaged_head_of_a_chunk_costs_this_chunk(tmp_path, capsys, place, mask):
     victim = CHUNKS[len(CHUNKS) // 3]
     data = bytearray(DATA)
     data[victim.start + place] ^= mask
@@ -118,7 +123,39 @@ def test_a_damaged_head_of_a_chunk_costs_this_chunk(tmp_path, place, mask):
     assert any(str(victim.start) in hole for hole in describe(path).holes)
     with LogReader(path) as log:
         assert log.passed_over == [victim.start]
-    assert replay(path).same
+    found = replay(path)
+    assert found.same
+    assert found.passed_over == [victim.start]
+    assert entry(["replay", str(path), "--junit", str(tmp_path / "report.xml")]) == 0
+    told = f"a damaged part at byte {victim.start} was passed over"
+    assert told in capsys.readouterr().out
+    assert told in (tmp_path / "report.xml").read_text()
+
+
+@pytest.mark.parametrize("victim", CHUNKS, ids=lambda frame: str(frame.start))
+def test_whatever_a_lost_chunk_held_the_replay_tells_a_hole_and_no_other_decision(tmp_path, victim):
+    data = bytearray(DATA)
+    data[victim.start + 5] ^= 0x7F
+    path = tmp_path / "night.mcap"
+    path.write_bytes(data)
+    recover(path)
+    if victim == CHUNKS[0]:
+        with pytest.raises(LogError, match="no snapshot"):
+            replay(path)
+        return
+    found = replay(path)
+    assert found.same, found.differences
+    assert found.passed_over == [victim.start]
+
+
+def test_a_recovery_that_was_stopped_is_taken_up_again(tmp_path):
+    tail = b"\x05" + bytes([255] * 3000)
+    path = tmp_path / "night.mcap"
+    path.write_bytes(DATA[: CHUNKS[-1].end] + tail)
+    aside = tmp_path / f"night.mcap.{CHUNKS[-1].end}.cut"
+    aside.write_bytes(tail[:1000])
+    recover(path)
+    assert aside.read_bytes() == tail
 
 
 @pytest.mark.parametrize("value", [0, 1, 17, 4000, 70_000, 1 << 24, 1 << 40, (1 << 64) - 1])
