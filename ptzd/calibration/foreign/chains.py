@@ -10,6 +10,14 @@ from ptzd.calibration.foreign.matrices import image_size
 from ptzd.errors import CalibrationError
 
 _COUNTS = {"pinhole": 4, "omni": 5, "eucm": 6}
+_STRAIGHT = ("radtan", "radial_tangential", "plumb_bob", "none")
+_KNOWN = frozenset(
+    [("pinhole", bent) for bent in (*_STRAIGHT, "equidistant", "equi")]
+    + [("omni", bent) for bent in _STRAIGHT]
+    + [("eucm", "none")]
+)
+"""Models that are read, judged before their numbers: another model's have other names and another count."""
+_CAMODOCAL = ("kannala_brandt", "mei", "pinhole", "pinhole_full")
 _OF_LENS = re.compile(r"(?i).*(_parameters|distort|lens|model|skew|scale|resize|binning|crop).*|alpha|beta|xi|[kp]\d")
 """What a file of camodocal may say of the lens outside its sections; VINS's `fisheye: 1` is a mask."""
 _UCM = "calibrate with omni-radtan or pinhole-equi"
@@ -24,12 +32,12 @@ def intrinsics(fields: Fields) -> Described:
         When its model has no counterpart here, or its numbers are not those of its model.
     """
     model, bent = fields.text("camera_model"), fields.text("distortion_model")
+    if (model, bent) not in _KNOWN:
+        raise CalibrationError(f"camera_model {model}-{bent} has no counterpart here; {_UCM}")
     values = fields.numbers("intrinsics")
     extra = fields.numbers("distortion_coeffs", "distortion_coefficients")
     size_px = image_size(fields)
     source = "EuRoC" if "distortion_coefficients" in fields else "Kalibr"
-    if model not in _COUNTS:
-        raise CalibrationError(f"camera_model {model}-{bent} has no counterpart here; {_UCM}")
     if len(values) != _COUNTS[model]:
         raise CalibrationError(f"{fields.name('intrinsics')}: {len(values)} numbers; {model} has {_COUNTS[model]}")
     if bent == "none":
@@ -37,19 +45,17 @@ def intrinsics(fields: Fields) -> Described:
             raise CalibrationError(f"{fields.name('distortion_coeffs')}: {list(extra)} with distortion_model none")
         extra = (0.0,) * 4
     fx, fy, cx, cy = values[-4:]
-    straight = bent in ("radtan", "radial_tangential", "plumb_bob", "none")
-    if model == "pinhole" and (straight or bent in ("equidistant", "equi")):
+    straight = bent in _STRAIGHT
+    if model == "pinhole":
         model, xi = "perspective" if straight else "kannala_brandt", 0.0
-    elif model == "omni" and straight:
+    elif model == "omni":
         model, xi = "unified", values[0]
-    elif model == "eucm" and bent == "none":
+    else:
         alpha, beta = values[:2]
         if beta != 1.0:
             raise CalibrationError(f"camera_model eucm with beta {beta:g} has no counterpart here; {_UCM}")
         xi, fx, fy = from_alpha(alpha, fx, fy)
         model = "unified"
-    else:
-        raise CalibrationError(f"camera_model {model}-{bent} has no counterpart here; {_UCM}")
     return Described(source=source, model=model, size_px=size_px, fx=fx, fy=fy, cx=cx, cy=cy, xi=xi, coefficients=extra)
 
 
@@ -71,13 +77,17 @@ def camodocal(fields: Fields) -> Described:
         When its model has no counterpart here.
     """
     kind = fields.text("model_type")
+    if kind not in _CAMODOCAL:
+        raise CalibrationError(
+            f"model_type {kind.upper()} has no counterpart here; calibrate with MEI or KANNALA_BRANDT"
+        )
     size_px = image_size(fields)
     project = fields.section("projection_parameters")
     if kind == "kannala_brandt":
         fx, fy, cx, cy = (project.number(key) for key in ("mu", "mv", "u0", "v0"))
         extra = tuple(project.number(key) for key in ("k2", "k3", "k4", "k5"))
         model, xi = "kannala_brandt", 0.0
-    elif kind in ("mei", "pinhole", "pinhole_full"):
+    else:
         bent = fields.section("distortion_parameters")
         names = ("k1", "k2", "p1", "p2", *(("k3", "k4", "k5", "k6") if kind == "pinhole_full" else ()))
         extra = tuple(bent.number(key) for key in names)
@@ -87,10 +97,6 @@ def camodocal(fields: Fields) -> Described:
             model, xi = "unified", fields.section("mirror_parameters").number("xi")
             keys = ("gamma1", "gamma2", "u0", "v0")
         fx, fy, cx, cy = (project.number(key) for key in keys)
-    else:
-        raise CalibrationError(
-            f"model_type {kind.upper()} has no counterpart here; calibrate with MEI or KANNALA_BRANDT"
-        )
     for key in fields.values:
         if not _OF_LENS.fullmatch(key):
             fields.find(key)  # of the estimator, whose settings VINS keeps in the same file

@@ -20,6 +20,9 @@ _BROWN = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _FISHEYE = ("k1", "k2", "k3", "k4")
 
 
+_BASALT = ("kb4", "pinhole_radtan8", "ucm", "eucm", "pinhole")
+
+
 def basalt(values: Mapping[str, Any], camera: str | None) -> tuple[str | None, Described]:
     """Name and lens of a calibration.json of Basalt, whose cameras are cam0, cam1 and so on.
 
@@ -37,7 +40,10 @@ def basalt(values: Mapping[str, Any], camera: str | None) -> tuple[str | None, D
     if not isinstance(listed[index], dict):
         raise CalibrationError(f"{path}[{index}]: no camera")
     entry = Fields(listed[index], f"{path}[{index}]")
-    kind, numbers = entry.text("camera_type"), entry.section("intrinsics")
+    kind = entry.text("camera_type")
+    if kind not in _BASALT:
+        raise CalibrationError(f"{path}[{index}]: camera_type {kind} has no counterpart here; calibrate with kb4")
+    numbers = entry.section("intrinsics")
     fx, fy, cx, cy = (numbers.number(key) for key in _PINHOLE)
     model, xi = "perspective", 0.0
     extra: tuple[float, ...] = (0.0,) * 4
@@ -108,6 +114,8 @@ def coefficients(fields: Fields, order: tuple[str, ...], model: str) -> tuple[fl
 def realsense(fields: Fields) -> Described:
     """Return the lens of intrinsics as librealsense names them; its inverse models have no counterpart."""
     kind = re.sub(r"^(rs2_)?distortion[._]", "", fields.text("model", "distortion_model"))
+    if "coeffs" not in fields and kind not in ("none", "brown_conrady", "kannala_brandt4"):
+        raise CalibrationError(f"model: {kind} has no counterpart here; calibrate with OpenCV instead")
     extra = fields.numbers("coeffs")
     if kind == "none" or not any(extra):
         model = "perspective"
@@ -157,7 +165,6 @@ def orb(values: Mapping[str, Any], camera: str | None) -> tuple[str | None, Desc
         return None
     name = chosen(names, camera)
     fields, every = _prefixed(values, f"{name}."), _prefixed(values, "Camera.")
-    fx, fy, cx, cy = (fields.number(key) for key in _PINHOLE)
     kind = every.find("type")
     if kind is None and "p1" not in fields:
         raise CalibrationError("Camera.type: missing; write PinHole or KannalaBrandt8")
@@ -165,6 +172,7 @@ def orb(values: Mapping[str, Any], camera: str | None) -> tuple[str | None, Desc
     if word not in ("PinHole", "KannalaBrandt8"):
         raise CalibrationError(f"Camera.type: {word} has no counterpart here; calibrate with KannalaBrandt8")
     fisheye = word == "KannalaBrandt8"
+    fx, fy, cx, cy = (fields.number(key) for key in _PINHOLE)
     return (name if len(names) > 1 else None), Described(
         source="ORB-SLAM",
         model="kannala_brandt" if fisheye else "perspective",

@@ -107,9 +107,11 @@ def _mrcal(text: str) -> Described:
         if len(values) != 1:
             raise CalibrationError(f"{key.replace('_?', '')}: {len(values)} of them; a .cameramodel of mrcal has one")
         found[key] = values[0]
-    model = found["lens_?model"].removeprefix("LENSMODEL_")
-    if model not in _MRCAL:
-        raise CalibrationError(f"lensmodel {model} of mrcal has no counterpart here; calibrate with LENSMODEL_OPENCV5")
+        model = found["lens_?model"].removeprefix("LENSMODEL_")
+        if model not in _MRCAL:
+            raise CalibrationError(
+                f"lensmodel {model} of mrcal has no counterpart here; calibrate with LENSMODEL_OPENCV5"
+            )
     given = [_number(word, "intrinsics") for word in re.split(r"[\s,]+", found["intrinsics"].strip(" ,\n")) if word]
     size = [_number(word, "imagersize") for word in re.split(r"[\s,]+", found["imagersize"].strip(" ,\n")) if word]
     if len(given) != _MRCAL[model]:
