@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from pathlib import Path
 
 import msgspec
 import pytest
@@ -11,9 +12,14 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ptzd.app import motor_file, ranges_file, simulate
 from ptzd.app.loading import load
+from ptzd.calibration.foreign.text import read_source
 from ptzd.calibration.pictures import read_grey
 from ptzd.config import Config, parse_config
+from ptzd.control.motor import Travel
+from ptzd.control.planning.ranges import RangeMap
+from ptzd.devices.files import read_picture
 from ptzd.devices.vapix.credentials import read_credentials
 from ptzd.documents import (
     DEEPEST,
@@ -27,6 +33,8 @@ from ptzd.documents import (
 )
 from ptzd.errors import ConfigError, PtzdError
 from ptzd.log.records import RecordFile
+from ptzd.log.recover import recover
+from ptzd.sim.scene import _read
 
 plain = st.recursive(
     st.none()
@@ -129,16 +137,32 @@ def test_a_document_that_is_no_mapping_says_what_it_is():
         parse_mapping("[1]")
 
 
-@pytest.mark.parametrize(
+readers = pytest.mark.parametrize(
     "read",
     [
         read_text,
         read_regular,
         lambda path: RecordFile(path).__enter__(),
         read_grey,
+        read_source,
+        read_picture,
+        recover,
+        simulate._password,
+        lambda path: _read(path, 1),
         lambda path: read_credentials("ptzd", str(path), setting="ptz"),
     ],
 )
+
+
+@readers
+@pytest.mark.parametrize("make", [Path.mkdir, lambda path: path.symlink_to("/dev/zero")], ids=["directory", "device"])
+def test_so_is_a_directory_or_a_device(tmp_path, read, make):
+    make(tmp_path / "settings")
+    with pytest.raises((OSError, PtzdError), match=r"no regular file|Is a directory|is a link"):
+        read(tmp_path / "settings")
+
+
+@readers
 def test_a_pipe_where_a_file_was_named_is_refused_and_waited_for_by_nobody(tmp_path, read):
     pipe = tmp_path / "settings"
     os.mkfifo(pipe)
@@ -204,3 +228,24 @@ def test_settings_and_calibration_go_through_the_same_loader(tmp_path, text):
     path.write_text(text)
     with pytest.raises(ConfigError, match=r"ptzd\.yaml: line 1|ptzd\.yaml: line 2"):
         load(path)
+
+
+def test_what_the_daemon_keeps_beside_its_log_is_not_waited_for_either(tmp_path):
+    settings = {"rig": "hall", "calibration": "rig.yaml", "fisheye": {"source": "files", "path": "pictures"},
+                "ptz": {"url": "http://192.0.2.20", "user": "ptzd"}, "log": {"directory": str(tmp_path)}}  # fmt: skip
+    config, digest = parse_config(settings, "ptzd.yaml"), "0" * 64
+    for path in (motor_file.motor_path(config), ranges_file.ranges_path(config, digest)):
+        os.mkfifo(path)
+    assert motor_file.read_travel(motor_file.motor_path(config)) == Travel()
+    assert ranges_file.read_ranges(config, digest, 1) == RangeMap()
+
+
+def test_a_password_may_come_from_a_command_of_the_shell():
+    """``ptzd sim --password-file <(pass show camera)``: read once, and by whoever typed it."""
+    ours, theirs = os.pipe()
+    os.write(theirs, b"swordfish\nmore\n")
+    os.close(theirs)
+    try:
+        assert simulate._password(Path(f"/dev/fd/{ours}")) == "swordfish"
+    finally:
+        os.close(ours)

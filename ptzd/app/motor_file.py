@@ -14,6 +14,7 @@ import msgspec
 from ptzd.app.kept import put_aside, put_in_place
 from ptzd.config import Config, Motor
 from ptzd.control.motor import Travel
+from ptzd.documents import read_regular
 from ptzd.outgoing import MotorStatus
 from ptzd.ports import Clock, EventLog
 
@@ -40,7 +41,7 @@ def read_travel(path: Path) -> Travel:
     A damaged file is put aside and said in the journal: what it held is lost, and counting begins anew.
     """
     try:
-        document = msgspec.json.decode(path.read_bytes(), type=_Document)
+        document = msgspec.json.decode(read_regular(path), type=_Document)
         _check(document.travel)
     except FileNotFoundError:
         return Travel()

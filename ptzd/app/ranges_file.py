@@ -20,6 +20,7 @@ import msgspec
 from ptzd.app.kept import put_aside, put_in_place
 from ptzd.config import Config
 from ptzd.control.planning.ranges import HOUR_NS, MOST_LOCKS, RangeLock, RangeMap
+from ptzd.documents import read_regular
 
 EVERY_S = 5.0
 """What a crash may lose."""
@@ -54,7 +55,7 @@ def read_ranges(config: Config, digest: str, now_ns: int) -> RangeMap:
     """
     path = ranges_path(config, digest)
     try:
-        document = msgspec.json.decode(path.read_bytes(), type=_Document)
+        document = msgspec.json.decode(read_regular(path), type=_Document)
         _check(document, digest)
     except FileNotFoundError:
         _tell_others(path)

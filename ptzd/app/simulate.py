@@ -12,6 +12,7 @@ from pathlib import Path
 import yaml
 
 from ptzd.app.locating import DataError
+from ptzd.documents import read_regular
 from ptzd.sim.profile import PROFILES
 from ptzd.sim.rig import SimRig
 from ptzd.sim.settings import SimSettings
@@ -121,6 +122,11 @@ def _password(path: Path | None) -> str:
     if path is None:
         return DEFAULT_PASSWORD
     try:
-        return path.read_text().splitlines()[0]
-    except (OSError, IndexError) as error:
-        raise DataError(f"{path}: no password in the first line ({error})") from None
+        # what a shell makes of `<(command)`: it is read once, and whoever typed it waits for his own command
+        handed_over = path.is_relative_to("/dev/fd")
+        data = path.read_bytes() if handed_over else read_regular(path)
+        return data.decode().splitlines()[0]
+    except OSError as error:
+        raise DataError(f"{path}: {error.strerror}") from None
+    except (UnicodeDecodeError, IndexError):
+        raise DataError(f"{path}: no password in its first line") from None

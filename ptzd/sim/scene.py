@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ptzd.documents import read_regular
 from ptzd.errors import SimulationError
 from ptzd.sim.scene_cube import FACES, ColourCube, DepthCube, Floats, Mask, Pixels, colour_cube, depth_cube, face_rays
 from ptzd.sim.scene_file import (
@@ -221,9 +222,13 @@ def _load_depth(folder: Path, files: PictureFiles) -> DepthCube | None:
 
 
 def _read(path: Path, flags: int) -> NDArray[Any]:
-    picture = cv2.imread(str(path), flags)
+    try:
+        stored = np.frombuffer(read_regular(path), np.uint8)
+    except OSError as error:
+        raise SimulationError(f"{path}: {error.strerror}") from None
+    picture = cv2.imdecode(stored, flags) if stored.size else None
     if picture is None:
-        message = f"{path}: missing, or not a picture"
+        message = f"{path}: not a picture"
         raise SimulationError(message)
     return np.asarray(picture)
 

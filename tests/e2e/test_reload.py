@@ -50,3 +50,24 @@ async def test_a_terminal_that_closes_ends_the_daemon_in_order(make_site) -> Non
     os.close(ours)
     os.close(theirs)
     await site.end()
+
+
+async def test_settings_that_are_no_file_are_refused_and_neither_the_next_reload_nor_the_end_waits(make_site) -> None:
+    site = await make_site()
+    await site.spawn()
+    kept = site.config.rename(site.folder / "kept.yaml")
+    os.mkfifo(site.config)
+    said = await heard_again(site)
+    assert "not taken" in said
+    assert "is no regular file" in said
+    site.config.unlink()
+    kept.rename(site.config)
+    site.change(search={"accept_probability": 0.9})
+    assert "changed search.accept_probability" in await heard_again(site)
+    site.config.unlink()
+    os.mkfifo(site.config)
+    site.process.send_signal(signal.SIGHUP)
+    site.process.terminate()
+    await site.process.communicate()
+    assert site.process.returncode == 0
+    await site.end()

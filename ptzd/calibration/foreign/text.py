@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 from xml.etree import ElementTree
 
 from ptzd.calibration.foreign.described import COPY
-from ptzd.documents import DEEPEST, DocumentError, parse_yaml, read_text
+from ptzd.documents import DEEPEST, DocumentError, parse_yaml, read_regular, read_text
 from ptzd.errors import CalibrationError
 
 _BINARY = (
@@ -34,8 +34,7 @@ def read_source(path: Path) -> str:
         When it cannot be read or is none, with what it is instead where that can be told.
     """
     try:
-        with path.open("rb") as file:
-            head = file.read(16)
+        head = read_regular(path, 16)
     except OSError as error:
         raise CalibrationError(f"cannot be read: {error.strerror}") from None
     for start, words in _BINARY:
