@@ -1,13 +1,13 @@
 from __future__ import annotations
 
 import asyncio
-import re
 
 import pytest
 from aiohttp import web
 
 from ptzd.config import HttpSource
 from ptzd.devices.http_fisheye import HttpFisheye
+from ptzd.devices.mjpeg import MultipartParser
 from ptzd.errors import DeviceGarbled, DeviceLost, DeviceRefused
 
 PATH = "/fisheye.mjpg"
@@ -128,23 +128,70 @@ async def test_a_page_is_no_stream(source_of, camera):
             await anext(source.pictures())
 
 
-async def test_a_stream_of_nothing_but_beginnings_leaves_others_their_turn(source_of, camera):
-    """Thousands of them are in every chunk."""
-    camera.frame = lambda _: b"\xff\xd8" * 40_000
-    turns, ticking = 0, True
+@pytest.mark.parametrize("piece", [b"\xff\xd8", b"--b\r\n\xff\xd8\xff\xe0\x00\x02\xff\xd9", "whole"])
+async def test_a_flood_of_tiny_parts_gives_the_loop_its_turn_and_is_told(
+    source_of, camera, monkeypatch, make_picture, piece
+):
+    """Counted in turns of the loop, not in seconds."""
+    piece = make_picture(0, (8, 8)) if piece == "whole" else piece
+    block = piece * (65536 // len(piece))
 
-    async def tick() -> None:
-        nonlocal turns
-        while ticking:
-            turns += 1
-            await asyncio.sleep(0)
+    async def flood(request):
+        response = web.StreamResponse(headers={"Content-Type": "multipart/x-mixed-replace; boundary=b"})
+        await response.prepare(request)
+        while True:
+            await response.write(block)
 
-    ticker = asyncio.create_task(tick())
-    async with source_of(stall_s=1.0) as source:
-        with pytest.raises(DeviceLost, match="broken JPEG pictures") as lost:
+    turns, taken = [0], []
+    loop = asyncio.get_running_loop()
+
+    def turn() -> None:
+        turns[0] += 1
+        taken.append(0)
+        ticking[0] = loop.call_soon(turn)
+
+    def count(_self, _jpeg, _arrival_ns) -> None:
+        taken[-1] += 1
+
+    ticking = [loop.call_soon(turn)]
+    camera.faults[PATH] = flood
+    monkeypatch.setattr(HttpFisheye, "_take", count)
+    async with source_of() as source:
+        with pytest.raises(DeviceGarbled, match=r"/fisheye\.mjpg: more than 2,000 .* within a second"):
             await anext(source.pictures())
-    ticking = False
-    await ticker
-    broken = int(re.search(r"and ([0-9]+) broken", str(lost.value).replace(",", ""))[1])
-    assert broken > 10_000
-    assert turns > broken // 40, "a turn for every 32 of them"
+    ticking[0].cancel()
+    assert 0 < max(taken) <= 32
+    assert sum(taken) <= 2000
+
+
+async def test_a_picture_of_tiny_segments_alone_gives_the_loop_its_turn(source_of, camera, monkeypatch):
+    """One part without an end, whose markers are walked one by one."""
+
+    async def endless(request):
+        response = web.StreamResponse(headers={"Content-Type": "multipart/x-mixed-replace; boundary=b"})
+        await response.prepare(request)
+        await response.write(b"\xff\xd8")
+        while True:
+            await response.write(b"\xff\xe0\x00\x02" * 16384)
+
+    turns, walked = [0], []
+    loop = asyncio.get_running_loop()
+
+    def turn() -> None:
+        turns[0] += 1
+        ticking[0] = loop.call_soon(turn)
+
+    def feed(self, data, feed=MultipartParser.feed):
+        walked.append((turns[0], len(data)))
+        return feed(self, data)
+
+    ticking = [loop.call_soon(turn)]
+    camera.faults[PATH] = endless
+    monkeypatch.setattr(MultipartParser, "feed", feed)
+    async with source_of(stall_s=0.4) as source:
+        with pytest.raises(DeviceLost, match="no complete picture"):
+            await anext(source.pictures())
+    ticking[0].cancel()
+    assert sum(size for _, size in walked) > 65536
+    assert max(size for _, size in walked) <= 16384
+    assert len({at for at, _ in walked}) == len(walked), "not more than one step in a turn"
