@@ -11,11 +11,11 @@ import msgspec
 
 from ptzd.errors import LogError
 from ptzd.evidence.story import Stories, Story
-from ptzd.evidence.times import clock_time
 from ptzd.log.protobuf import NS
 from ptzd.log.reader import LoggedEvent, LogReader
 from ptzd.log.records import Torn
 from ptzd.log.run_info import RunInfo
+from ptzd.log.times import clock_time
 from ptzd.log.topics import COMMAND, EVENT
 
 _MESSAGES = 20

@@ -14,11 +14,11 @@ from ptzd.errors import LogError, PtzdError
 from ptzd.evidence import drawing, score_curve
 from ptzd.evidence.plot import score_plot
 from ptzd.evidence.story import Look, Story
-from ptzd.evidence.times import clock_time
 from ptzd.evidence.words import distance, sentences
 from ptzd.geometry.rig import Rig
 from ptzd.log.protobuf import NS
 from ptzd.log.reader import LogReader
+from ptzd.log.times import clock_time
 from ptzd.log.topics import FISHEYE_IMAGE, PTZ_IMAGE
 from ptzd.model import FrameRef
 

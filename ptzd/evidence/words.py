@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 from ptzd.control.wording import range_in_words
 from ptzd.evidence.story import Story
-from ptzd.evidence.times import clock_time
 from ptzd.geometry.rig import Rig
+from ptzd.log.times import clock_time
 
 ENDS = {
     "locked": "The target was found, confirmed in a picture of its own, centred and held as long as asked.",

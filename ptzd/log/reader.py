@@ -30,6 +30,7 @@ from ptzd.log.records import (
     message_head,
 )
 from ptzd.log.run_info import CALIBRATION, CONFIG, METADATA, RunInfo, run_info
+from ptzd.log.times import clock_time
 from ptzd.log.topics import COMMAND, EVENT, IMAGES
 from ptzd.model import FrameRef
 
@@ -85,6 +86,11 @@ class _Place:
 
 _Found = tuple[str, MessageHead, Frame, memoryview, int, int]
 """Topic, head, outer record, bytes, start and end of the data in them."""
+
+
+_MERGED = "decisions of several logs in one file cannot be told apart, use the files as they were recorded"
+_NAME_WITHIN = 120
+"""Bytes of an event within which its name stands."""
 
 
 def _name_of(run: Mapping[str, str]) -> str:
@@ -166,13 +172,34 @@ class LogReader:
             raise LogError(f"{self.path}: no log of ptzd: the metadata record {METADATA} is missing")
         if any(run != runs[0] for run in runs):
             raise LogError(
-                f"{self.path}: merged of {len(runs)} logs ({', '.join(_name_of(run) for run in runs)}); decisions of "
-                "several runs in one file cannot be told apart, use the files as they were recorded"
+                f"{self.path}: merged of {len(runs)} logs ({', '.join(_name_of(run) for run in runs)}"
+                f"{self._apart(runs)}); {_MERGED}"
             )
         try:
             return run_info(runs[0], self.attachment(CONFIG), self.attachment(CALIBRATION))
         except LogError as error:
             raise LogError(f"{self.path}: {error}") from None
+
+    def _apart(self, runs: list[dict[str, str]]) -> str:
+        """What tells merged logs apart: when each begins, and what else is said of them."""
+        begun = [
+            clock_time(head.log_ns)
+            for _, head, _, data, start, end in self._messages((EVENT,))
+            if b'"Snapshot"' in bytes(data[start : min(start + _NAME_WITHIN, end)])
+        ]
+        other = sorted({key for run in runs for key in run if run[key] != runs[0].get(key)} - {"rig", "file_index"})
+        told = f"; they begin at {', '.join(begun)}" if begun else ""
+        return told + (f"; they differ in {', '.join(other)}" if other else "")
+
+    def _check_order(self, frame: Frame, last: int, sequence: int) -> None:
+        """Refuse events that stand twice or go back, which one run never writes."""
+        if last < 0 or 0 < (sequence - last) & U32 <= U32 // 2:
+            return
+        what = f"event {sequence} stands in it twice" if sequence == last else f"event {sequence} follows event {last}"
+        raise LogError(
+            f"{self.path}: at byte {frame.start} {what}: merged of a log and its copy, or of runs that are named "
+            f"alike; {_MERGED}"
+        )
 
     def attachment(self, name: str) -> str:
         """Text of an attachment.
@@ -199,7 +226,11 @@ class LogReader:
         LogError
             The file is damaged; the message names the byte.
         """
-        for topic, head, _, data, start, end in self._messages(topics):
+        last = -1
+        for topic, head, frame, data, start, end in self._messages(topics):
+            if topic == EVENT:
+                self._check_order(frame, last, head.sequence)
+                last = head.sequence
             yield Entry(
                 topic=topic,
                 sequence=head.sequence,

@@ -10,9 +10,9 @@ from ptzd.control import events as ev
 from ptzd.errors import LogError
 from ptzd.evidence.info import describe, document, lines
 from ptzd.evidence.story import collect
-from ptzd.evidence.times import clock_time
 from ptzd.log.file import McapFile
 from ptzd.log.reader import LoggedCommand, LoggedEvent, LogReader
+from ptzd.log.times import clock_time
 from ptzd.model import Box, Outcome
 
 
@@ -21,7 +21,7 @@ def test_a_request_has_its_timeline_and_its_end(lock_log):
     story, refused = summary.stories
     assert (story.id, story.outcome, story.reason) == ("gate-1", "locked", "held as asked")
     assert [step.what for step in story.steps] == ["request", "plan", "match", "update", "cancel", "result"]
-    assert [step.sequence for step in story.steps] == [2, 2, 5, 6, 6, 7]
+    assert [step.sequence for step in story.steps] == [2, 2, 5, 6, 7, 7]
     assert story.found is story.looks[0]
     assert story.frame.seq == 11
     assert (refused.outcome, refused.reason) == ("refused", "the queue is full")

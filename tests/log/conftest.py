@@ -223,7 +223,7 @@ def lock(rig):
         (5, 1_100_000_000, ev.MatchFinished(match_id=1, result=result)),
         (5, 1_100_000_000, cmd.PublishFeedback(id="gate-1", step="match", detail={"score": 0.97})),
         (6, 1_200_000_000, ev.UpdateReceived(id="gate-1", box=box)),
-        (6, 1_300_000_000, ev.CancelReceived(token=None, id="gate-1")),
+        (7, 1_300_000_000, ev.CancelReceived(token=None, id="gate-1")),
         (7, 1_300_000_000, cmd.PublishResult(
             id="gate-1", outcome=Outcome.LOCKED, reason="held as asked", label="=gate <b>", elapsed_ms=1400, views=1,
             pan_deg=1.5, tilt_deg=2.5, range_m=range_m, probability=0.99,

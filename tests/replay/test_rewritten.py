@@ -16,8 +16,9 @@ from ptzd.app.replaying import replay
 from ptzd.cli import entry
 from ptzd.errors import LogError
 from ptzd.evidence.info import describe
-from ptzd.log.reader import LogReader
+from ptzd.log.reader import Entry, LogReader
 from ptzd.log.recover import recover
+from ptzd.log.times import clock_time
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 LOCK = GOLDEN / "lock.mcap"
@@ -136,8 +137,38 @@ def _without(target: Path, gone: tuple[int, int]) -> None:
 def test_a_log_merged_of_two_runs_is_told(tmp_path):
     merged = rewrite(tmp_path / "merged.mcap", LOCK, GOLDEN / "update.mcap")
     for use in (describe, replay):
-        with pytest.raises(LogError, match=r"merged\.mcap: merged of 2 logs \(rig .*, file 0, rig .*, file 0\)"):
+        with pytest.raises(LogError, match=r"merged\.mcap: merged of 2 logs \(rig .*, file 0, rig .*, file 0; they "):
             use(merged)
+
+
+def test_merged_logs_are_told_apart_by_when_they_begin(tmp_path):
+    first, second = LOCK, GOLDEN / "update.mcap"
+    merged = rewrite(tmp_path / "merged.mcap", first, second)
+    begins = [clock_time(min(told.log_ns for told in _events(path))) for path in (first, second)]
+    with pytest.raises(LogError) as refused:
+        replay(merged)
+    assert f"they begin at {', '.join(begins)}" in str(refused.value)
+
+
+def _events(path: Path) -> list[Entry]:
+    with LogReader(path) as log:
+        return list(log.entries(["/event"]))
+
+
+@pytest.mark.parametrize("name", ["lock", "update", "device_loss", "refusal"])
+def test_a_log_merged_with_its_copy_is_refused_with_a_sentence(tmp_path, capsys, name):
+    source = GOLDEN / f"{name}.mcap"
+    merged = rewrite(tmp_path / "merged.mcap", source, source)
+    for use in (describe, replay):
+        with pytest.raises(
+            LogError, match=r"event \d+ (stands in it twice|follows event \d+): merged of a log and its"
+        ):
+            use(merged)
+    rewrite(tmp_path / "plain.mcap", source)
+    report = tmp_path / "report.xml"
+    assert entry(["replay", str(tmp_path), "--junit", str(report)]) == LogError.exit_code
+    assert "plain.mcap: no difference" in capsys.readouterr().out
+    assert 'name="merged.mcap" tests="1" failures="0" errors="1"' in report.read_text()
 
 
 def test_a_file_that_cannot_be_read_does_not_stop_the_report_of_a_folder(tmp_path, capsys):
