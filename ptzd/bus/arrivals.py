@@ -7,8 +7,9 @@ told ``busy`` at once, a put is counted and dropped.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import zenoh
 from zenoh.handlers import Callback
@@ -36,6 +37,30 @@ class Arrival:
 
 
 Handler = Callable[[Arrival], None]
+
+
+class Catching(Protocol):
+    """What becomes of what is meant for nobody."""
+
+    def asked_in_vain(self, key: str) -> bool:
+        """Whether nobody answers a query on this key."""
+        ...
+
+    def put_in_vain(self, key: str) -> bool:
+        """Whether nobody listens to a put on this key."""
+        ...
+
+    def on_query(self, arrival: Arrival) -> None:
+        """Answer such a query."""
+        ...
+
+    def on_put(self, arrival: Arrival) -> None:
+        """Tell of such a put."""
+        ...
+
+    def on_delete(self, arrival: Arrival) -> None:
+        """Tell of a delete."""
+        ...
 
 
 class Arrivals:
@@ -68,6 +93,10 @@ class Arrivals:
         self._clock = clock
         self._crowded = crowded
         self._box: Mailbox[tuple[Handler, Arrival]] = Mailbox(asyncio.get_running_loop(), capacity, evict=evict)
+        self.answered: set[str] = set()
+        """Key expressions of the queryables."""
+        self.heard: set[str] = set()
+        """Key expressions of the subscribers."""
         self._declared: list[zenoh.Queryable[None] | zenoh.Subscriber[None]] = []
 
     @property
@@ -92,6 +121,7 @@ class Arrivals:
                 send_refusal(query, BUSY)
 
         self._declared.append(self._session.declare_queryable(key, Callback(receive, indirect=False), complete=True))
+        self.answered.add(key)
 
     def listen(self, key: str, handler: Handler) -> None:
         """Declare a subscriber."""
@@ -105,6 +135,33 @@ class Arrivals:
             self._box.push((handler, arrival))
 
         self._declared.append(self._session.declare_subscriber(key, Callback(receive, indirect=False)))
+        self.heard.add(key)
+
+    def catch(self, answer: str, listen: Sequence[str], strays: Catching) -> None:
+        """Declare a queryable and subscribers with others' keys in theirs, for what those others do not take."""
+
+        def ask(query: zenoh.Query) -> None:
+            asked = str(query.key_expr)
+            if not strays.asked_in_vain(asked):
+                query.drop()  # type: ignore[no-untyped-call]  # untyped in the stub
+                return
+            arrival = Arrival(key=asked, payload=b"", size=0, query=query, t_ns=self._clock.now_ns())
+            if self._crowded() or not self._box.push((strays.on_query, arrival)):
+                send_refusal(query, BUSY)
+
+        def put(sample: zenoh.Sample) -> None:
+            arrival = Arrival(key=str(sample.key_expr), payload=b"", size=0, t_ns=self._clock.now_ns())
+            if sample.kind != zenoh.SampleKind.PUT:
+                self._box.push((strays.on_delete, arrival))
+            elif strays.put_in_vain(arrival.key):
+                self._box.push((strays.on_put, arrival))
+
+        # what the daemon itself publishes under these keys is none of it
+        remote = zenoh.Locality.REMOTE
+        self._declared.append(self._session.declare_queryable(answer, Callback(ask, indirect=False), complete=False))
+        for key in listen:
+            subscriber = self._session.declare_subscriber(key, Callback(put, indirect=False), allowed_origin=remote)
+            self._declared.append(subscriber)
 
     async def run(self) -> None:
         """Hand arrivals to their handlers until the box is closed and empty."""

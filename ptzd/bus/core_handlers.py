@@ -144,6 +144,10 @@ class CoreHandlers:
         """``control/home_after``: a query or a put."""
         self._on_person(arrival, "control/home_after", home_after_event)
 
+    def tell(self, refusal: PayloadRefused) -> None:
+        """Have a put refused that is on no key of these."""
+        self._offer(refusal, None)
+
     def _on_person(
         self, arrival: Arrival, key: str, read: Callable[[bytes, int | None], Event], within_s: float | None = None
     ) -> None:

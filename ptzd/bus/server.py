@@ -35,6 +35,7 @@ from ptzd.bus.pending_queries import PendingQueries
 from ptzd.bus.replies import Replies
 from ptzd.bus.results import KeptResults
 from ptzd.bus.session import close_session, daemon_config, open_session, provide_threads, refuse_a_second
+from ptzd.bus.strays import Strays
 from ptzd.config import BusSettings
 from ptzd.control.commands import (
     Command,
@@ -270,7 +271,14 @@ class ZenohBus:
         reads.answer(keys.of_all_requests("result"), self._answers.on_result)
         reads.answer(keys.full("calibration"), self._answers.on_calibration)
         reads.answer(keys.full("log"), self._answers.on_log)
-        return urgent, places, requests, updates, reads
+        served = (urgent, places, requests, updates, reads)
+        answered = frozenset[str]().union(*(arrivals.answered for arrivals in served))
+        heard = frozenset[str]().union(*(arrivals.heard for arrivals in served))
+        strays = Arrivals(session, 64, clock, crowded=lambda: replies.crowded)
+        # not image/…: a listener of these would have the pictures made
+        listen = [keys.full(key) for key in ("*", "control/*/**", "roi/*/**")]
+        strays.catch(keys.full("**"), listen, Strays(keys, answered, heard, self._core_handlers.tell, replies))
+        return *served, strays
 
     def _still_wanted(self, event: Event) -> bool:
         """An event whose query was told ``internal`` must not take effect any more; an operator's verb always does."""

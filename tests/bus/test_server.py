@@ -92,7 +92,6 @@ async def test_refused_query_gets_code_and_path(core, raw, payload, code, field)
 async def test_put_is_an_event_without_a_token_and_a_refused_one_gets_its_result(core, raw, client):
     put(raw, "ptzd/hall/roi", body())
     put(raw, "ptzd/hall/roi", body(id="b", colour=1))
-    raw.delete("ptzd/hall/roi")
     put(raw, "ptzd/hall/roi/a/update", json.dumps({"box": GOOD["box"]}).encode())
     put(raw, "ptzd/hall/roi/a b/update", b"{}")
     events = await core.until(4)
