@@ -21,7 +21,7 @@ from typing import Generic, Self, TypeVar
 import aiohttp
 from yarl import URL
 
-from ptzd.devices.vapix.address import Address
+from ptzd.devices.vapix.address import Address, is_usable
 from ptzd.devices.vapix.answers import Reply
 from ptzd.devices.vapix.auth import Attempt, Authenticator
 from ptzd.devices.vapix.credentials import Credentials
@@ -233,14 +233,17 @@ class CameraClient:
 
     def _redirected(self, url: URL, response: aiohttp.ClientResponse, request: Request[T]) -> URL:
         """Where to ask next; elsewhere is refused with what the setting would be: the page too if it names one."""
-        location = response.headers.get("Location", "")
+        location = response.headers.get("Location", "").strip()
+        if not location:
+            raise DeviceGarbled(f"redirects ({response.status}) and does not say where to; correct it in the camera")
         try:
             target = url.join(URL(location))
             elsewhere = target.origin() != self._base.origin()
         except ValueError:
-            shown = _without_secrets(location).encode("ascii", "backslashreplace").decode()
-            raise DeviceGarbled(f"redirects to {shown!r}, which is no address; correct it in the camera") from None
+            raise _no_address(location) from None
         if elsewhere:
+            if not is_usable(target):
+                raise _no_address(location)
             page_is_set = request.path == self._base.raw_path_qs
             advised = self._shown_page(target) if page_is_set else str(target.origin())
             raise DeviceRefused(f"redirects to {advised}; if that is right, set it as {self._address.setting}.url")
@@ -282,6 +285,11 @@ async def _limited_body(response: aiohttp.ClientResponse) -> bytes:
         if len(body) > MAX_ANSWER_BYTES:
             raise DeviceGarbled(f"answer is longer than {MAX_ANSWER_BYTES} bytes")
     return bytes(body)
+
+
+def _no_address(location: str) -> DeviceGarbled:
+    shown = _without_secrets(location).encode("ascii", "backslashreplace").decode()
+    return DeviceGarbled(f"redirects to {shown!r}, which is no address; correct it in the camera")
 
 
 def _without_secrets(location: str) -> str:

@@ -10,6 +10,8 @@ import aiohttp
 
 from ptzd.errors import DeviceError, DeviceGarbled, DeviceLost, DeviceRefused
 
+PACKED = "content-encoding"
+UNPACKED = "that is not read here; switch compression (Content-Encoding) off in the camera or the proxy that does so"
 LOGGER = logging.getLogger(__name__)
 
 
@@ -81,9 +83,7 @@ class FailuresNamed:
         elif isinstance(error, ValueError):
             # headers, addresses and texts of the answer are turned into values in there: it is the answer that is odd
             LOGGER.debug("%s: an answer that raised %r", self._place, error)
-            raise DeviceGarbled(
-                f"{self._place}: an answer that cannot be understood ({type(error).__name__})"
-            ) from None
+            raise DeviceGarbled(f"{self._place}: an answer that cannot be understood") from None
 
     def _untrusted(self, error: Exception) -> DeviceError:
         if isinstance(error, aiohttp.ServerFingerprintMismatch):
@@ -92,7 +92,7 @@ class FailuresNamed:
                 "if it was renewed, compare it at the camera and change the setting"
             )
         if isinstance(error, aiohttp.ClientConnectorCertificateError):
-            reason = getattr(error.certificate_error, "verify_message", type(error.certificate_error).__name__)
+            reason = getattr(error.certificate_error, "verify_message", None) or "it does not say why"
             return DeviceRefused(
                 f"{self._place}: certificate not trusted ({reason}); "
                 f"set {self._setting}.certificate_sha256 to the fingerprint shown in the camera"
@@ -104,6 +104,22 @@ class FailuresNamed:
             return DeviceLost(f"{self._place}: no answer in time")
         if isinstance(error, aiohttp.ClientConnectorError):
             return DeviceLost(f"{self._place}: cannot connect ({error.os_error.strerror or error.os_error})")
-        if isinstance(error, aiohttp.ClientResponseError | aiohttp.InvalidURL):
-            return DeviceGarbled(f"{self._place}: not an HTTP answer ({type(error).__name__})")
-        return ConnectionCut(f"{self._place}: connection cut ({type(error).__name__})")
+        LOGGER.debug("%s: %r", self._place, type(error))
+        # aiohttp has no class for a packing that it cannot undo; told with the headers, or while the body is read
+        if PACKED in str(error) or getattr(error, "message", "") in {"deflate", "gzip"}:
+            return DeviceGarbled(f"{self._place}: the answer is compressed in a way {UNPACKED}")
+        if isinstance(error, aiohttp.InvalidURL):
+            return DeviceGarbled(f"{self._place}: leads to an address that is none")
+        if isinstance(error, aiohttp.ClientResponseError):
+            return DeviceGarbled(f"{self._place}: not an HTTP answer")
+        return ConnectionCut(f"{self._place}: connection cut ({_how(error)})")
+
+
+def _how(error: Exception) -> str:
+    """How far it came, in words."""
+    if isinstance(error, aiohttp.ServerDisconnectedError):
+        return "before an answer"
+    if isinstance(error, aiohttp.ClientPayloadError):
+        return "in the middle of the answer"
+    reason = getattr(error, "strerror", None)
+    return reason.lower() if isinstance(reason, str) and reason else "by the camera or the network"

@@ -220,6 +220,16 @@ async def test_tls_to_a_plain_port_says_so(camera, client_of):
         ({"url": "camera"}, r"ptz\.url: 'camera' cannot be used"),
         ({"url": "ftp://camera"}, "cannot be used"),
         ({"url": "http://[::1"}, "not a URL"),
+        ({"url": "http://my camera/x"}, "cannot be used"),
+        ({"url": "http://a..b/x"}, "cannot be used"),
+        ({"url": "http://.gate/x"}, "cannot be used"),
+        ({"url": "http://gate,lan/x"}, "cannot be used"),
+        ({"url": "http://-gate/x"}, "cannot be used"),
+        ({"url": "http://%41/x"}, "cannot be used"),
+        ({"url": "http://300.1.1.1/x"}, "cannot be used"),
+        ({"url": "http://192.0.2.1.5"}, "cannot be used"),
+        ({"url": "http://gate:0"}, "cannot be used"),
+        ({"url": f"http://{'a' * 64}.lan"}, "cannot be used"),
         ({"url": "https://camera", "certificate_sha256": "12"}, "needs 64 hex digits"),
         ({"url": "https://camera", "certificate_sha256": "zz" * 32}, "needs 64 hex digits"),
     ],
@@ -228,6 +238,24 @@ def test_addresses_that_cannot_be_used(address, message, clock):
     with pytest.raises(ConfigError, match=message) as refused:
         CameraClient(Address(setting="ptz", **address), clock)
     assert "pass@" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "url",
+    ["http://camera", "http://axis_5.lan:8080", "https://[fe80::1]", "http://192.0.2.7/s?a=b", "http://tür.example.",
+     "http://a-b.c2/x"],
+)  # fmt: skip
+def test_addresses_that_can_be(url, clock):
+    assert CameraClient(Address(setting="ptz", url=url), clock).origin.startswith("http")
+
+
+@pytest.mark.parametrize("packing", ["br", "zstd", "deflate", "gzip"])
+async def test_a_page_that_is_packed_beyond_reading_is_told_as_that(camera, client_of, packing):
+    camera.faults[PTZ] = answer(body=b"\x8b\x02\x80no\x03", headers={"Content-Encoding": packing})
+    client = await client_of(camera)
+    with pytest.raises(DeviceGarbled, match="compressed in a way") as told:
+        await client.send(POSITION)
+    assert "Error" not in str(told.value)
 
 
 async def test_the_password_shows_nowhere(camera, client_of, caplog):

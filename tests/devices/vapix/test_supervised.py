@@ -64,13 +64,18 @@ def fisheye(port: int, password_file) -> HttpFisheye:
     return HttpFisheye(source, Clock(), jitter=lambda: 0.0)
 
 
+CLASS = re.compile(r"[A-Za-z]+(?:Error|Exception|Encoding\.)|Disconnected|[a-z]+\.[A-Z]\w+")
+"""Names of Python's and its libraries' classes."""
+
+
 @pytest.mark.parametrize("odd", ODD)
 async def test_an_odd_answer_is_a_loss_with_the_cameras_name(speaking, password_file, odd):
     port = await speaking(odd)
     async with fisheye(port, password_file) as source:
         async with asyncio.timeout(20):
-            with pytest.raises(DeviceError, match=f"127.0.0.1:{port}/s: "):
+            with pytest.raises(DeviceError, match=f"127.0.0.1:{port}/s: ") as told:
                 await anext(source.pictures())
+    assert not CLASS.search(str(told.value)), "an operator reads words"
 
 
 @pytest.mark.parametrize("odd", [ODD[0], ODD[2], ODD[6], ODD[9]])
@@ -111,6 +116,12 @@ async def test_a_stream_that_moved_is_found_under_the_address_that_is_advised(sp
         ("http://me:hush@127.0.0.1:1/new", "redirects to http://127.0.0.1:1/new; if"),
         ("http://me:hush@127.0.0.1:80new", "redirects to 'http://127.0.0.1:80new', which is no address"),
         ("http://me:hush@127.0.0.1:80new//deep", "redirects to 'http://127.0.0.1:80new//deep', which is no address"),
+        ("ftp://127.0.0.1/new", "redirects to 'ftp://127.0.0.1/new', which is no address"),
+        ("http://my camera/new", "redirects to 'http://my camera/new', which is no address"),
+        ("http://gate..lan/new", "redirects to 'http://gate..lan/new', which is no address"),
+        ("http://192.0.2.1.5/new", "redirects to 'http://192.0.2.1.5/new', which is no address"),
+        ("", "redirects (302) and does not say where to"),
+        ("   ", "redirects (302) and does not say where to"),
         ("http://127.0.0.1:80new?word=hush", "redirects to 'http://127.0.0.1:80new', which is no address"),
     ],
 )
@@ -121,6 +132,25 @@ async def test_a_redirect_is_told_without_its_secrets(speaking, password_file, l
         with pytest.raises(DeviceError, match=re.escape(told)) as error:
             await anext(source.pictures())
     assert "hush" not in str(error.value)
+
+
+async def test_a_redirect_without_a_place_is_told_as_that(speaking, password_file):
+    port = await speaking(b"HTTP/1.1 307 T\r\nContent-Length: 0\r\n\r\n")
+    async with fisheye(port, password_file) as source, asyncio.timeout(20):
+        with pytest.raises(DeviceGarbled, match=r"redirects \(307\) and does not say where to"):
+            await anext(source.pictures())
+
+
+@pytest.mark.parametrize("packing", ["br", "zstd", "deflate", "gzip", "BR"])
+async def test_a_packing_is_told_as_one_whoever_finds_it(speaking, password_file, packing):
+    head = (
+        f"HTTP/1.1 200 OK\r\nContent-Type: multipart/x-mixed-replace; boundary=b\r\nContent-Encoding: {packing}\r\n\r\n"
+    )
+    port = await speaking(head.encode() + b"\x8b\x02\x80abc\x03" * 20)
+    async with fisheye(port, password_file) as source, asyncio.timeout(20):
+        with pytest.raises(DeviceGarbled, match=r"(?s)switch compression.* off") as told:
+            await anext(source.pictures())
+    assert not CLASS.search(str(told.value))
 
 
 async def test_a_packed_stream_is_refused_with_one_address(speaking, password_file):
