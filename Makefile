@@ -12,7 +12,7 @@ $(BIN)/.installed: pyproject.toml
 	touch $@
 
 test: install check
-	$(BIN)/python -m pytest -n 2 --durations=15 --cov --cov-report=term:skip-covered --cov-fail-under=90 tests
+	$(BIN)/python -m pytest -n 3 --durations=15 --cov --cov-report=term:skip-covered --cov-fail-under=90 tests
 
 check: install
 	$(BIN)/ruff format --check .
