@@ -1,8 +1,8 @@
 """The one loader of YAML that people write: settings, calibrations, scenes, scripts.
 
-Stricter than YAML: no key twice in a mapping (the last would win), no aliases that write the document out beyond
-`LARGEST_NODES` or contain themselves, no nesting beyond `DEEPEST`, no dates (a text stays a text), no number that
-Python cannot hold. What is wrong is told with its line.
+Stricter than YAML: no key twice in a mapping (the last would win) and none but texts, at most `MOST_WRITTEN` values, no
+aliases that write the document out beyond `LARGEST_NODES` or contain themselves, no nesting beyond `DEEPEST`, no dates
+(a text stays a text), no number that Python cannot hold. What is wrong is told with its line.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ import yaml
 
 DEEPEST = 32
 """Mappings and lists inside each other; settings need four, calibrations five."""
+MOST_WRITTEN = 50_000
+"""Keys and values of a document as written, some 1 s to read; a foreign calibration with its corners has 20,000."""
 LARGEST_NODES = 200_000
 """Values of a document with every alias written out."""
 LARGEST_BYTES = 1_000_000
@@ -36,12 +38,16 @@ class _Loader(yaml.SafeLoader):
     def __init__(self, stream: str) -> None:
         super().__init__(stream)
         self._depth = 0
+        self._written = 0
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         event = self.peek_event()  # type: ignore[no-untyped-call]
         self._depth += 1
+        self._written += 1
         if self._depth > DEEPEST:
             raise DocumentError(f"{_place(event.start_mark)}: nested deeper than {DEEPEST} levels")
+        if self._written > MOST_WRITTEN:
+            raise DocumentError(f"{_place(event.start_mark)}: more than {MOST_WRITTEN:,} values; is it the right file?")
         try:
             return super().compose_node(parent, index)
         finally:
@@ -55,6 +61,8 @@ class _Loader(yaml.SafeLoader):
             key = self.construct_object(key_node, deep=True)
             if not isinstance(key, Hashable):
                 raise DocumentError(f"{_place(key_node.start_mark)}: a key must be a plain word")
+            if not isinstance(key, str):
+                raise DocumentError(f"{_place(key_node.start_mark)}: {_no_word(key_node, key)}")
             if key in seen:
                 raise DocumentError(f"{_place(key_node.start_mark)}: key {key!r} is given twice")
             seen.add(key)
@@ -87,6 +95,15 @@ _Loader.add_implicit_resolver(
     list("-+.0123456789"),
 )
 _Loader.add_constructor("tag:yaml.org,2002:int", _int)
+
+
+def _no_word(node: yaml.Node, key: object) -> str:
+    """What is wrong with a key that YAML takes for something else than a text."""
+    written = str(node.value)
+    if not written:
+        return "there is no key in front of the colon"
+    read_as = "nothing" if key is None else f"the {'word' if isinstance(key, bool) else 'number'} {key}".lower()
+    return f'the key {written} is read as {read_as}; a key must be a text: correct it, or write "{written}"'
 
 
 def _place(mark: yaml.Mark) -> str:
