@@ -23,11 +23,14 @@ Move = Callable[[MoveRequest], Awaitable[MoveReply]]
 class KeptLease:
     """A lease that lasts while its context does; see :meth:`ptzd.bus.client.Client.lease`."""
 
-    def __init__(self, ask: Ask, move: Move, owner: str, held: LeaseHeld) -> None:
+    def __init__(self, ask: Ask, move: Move, owner: str, held: LeaseHeld, for_s: float | None) -> None:
         self._ask = ask
         self._move = move
         self._owner = owner
-        self._over: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+        loop = asyncio.get_running_loop()
+        self._over: asyncio.Future[str] = loop.create_future()
+        # by this clock, which is not the rig's: no sooner than there, and as long as the rig allows at most
+        self._ends_s = loop.time() + ((held.until_ns - held.since_ns) / 1e9 if for_s is None else for_s)
         self.held = held
         """As the rig told it last."""
 
@@ -75,10 +78,21 @@ class KeptLease:
         """Set focus and iris by hand, or ``"auto"``; until the end of the lease. Returns when the camera took it."""
         return await self._move(MoveRequest(owner=self._owner, lens=LensWanted(focus=focus, iris=iris)))
 
+    @property
+    def is_over(self) -> bool:
+        """Whether it was over before it was given back."""
+        return self._over.done()
+
     async def beat(self) -> None:
-        """Say that its owner is still there until somebody else says that it is over."""
+        """Say that its owner is still there until its time, or somebody else, says that it is over."""
+        loop = asyncio.get_running_loop()
         while not self._over.done():
-            await asyncio.sleep(RENEW_S)
+            left_s = self._ends_s - loop.time()
+            await asyncio.sleep(max(min(RENEW_S, left_s), 0.0))
+            if left_s <= RENEW_S:
+                # the rig's own end came when this lease's answer was on its way, or before: it is no more to be renewed
+                self._over.set_result(f"the time of {self._owner} is over")
+                return
             try:
                 reply = await self._ask(LeaseRequest(owner=self._owner, wish="renew"))
             except RequestRefused as error:
@@ -87,7 +101,12 @@ class KeptLease:
             except BusError as error:
                 self._over.set_result(str(error))
             else:
-                self.held = reply.lease or self.held
+                self._hear(reply.lease or self.held)
+
+    def _hear(self, held: LeaseHeld) -> None:
+        """Its end may have moved: whoever has it can take it once more."""
+        self._ends_s += (held.until_ns - self.held.until_ns) / 1e9
+        self.held = held
 
 
 @contextlib.asynccontextmanager
@@ -102,12 +121,13 @@ async def keep(ask: Ask, move: Move, request: LeaseRequest) -> AsyncIterator[Kep
     reply = await ask(request)
     if reply.lease is None:
         raise BusError("bus: the rig took the question for a lease and told of none")
-    kept = KeptLease(ask, move, request.owner, reply.lease)
+    kept = KeptLease(ask, move, request.owner, reply.lease, request.for_s)
     beating = asyncio.ensure_future(kept.beat())
     try:
         yield kept
     finally:
         beating.cancel()
         await asyncio.gather(beating, return_exceptions=True)
-        with contextlib.suppress(RequestRefused, BusError):  # over already, or the rig is gone: nothing is left to give
-            await ask(LeaseRequest(owner=request.owner, wish="give"))
+        if not kept.is_over:
+            with contextlib.suppress(RequestRefused, BusError):  # over just now, or the rig is gone: nothing to give
+                await ask(LeaseRequest(owner=request.owner, wish="give"))
