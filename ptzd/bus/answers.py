@@ -84,6 +84,13 @@ class Answers:
         core: dict[str, object] = {"state": "STARTING"} if self.status is None else _fields(self.status)
         return {**self._status_extra(), **core, "t_ns": self._clock.now_ns()}
 
+    @property
+    def holding(self) -> str:
+        """What a hold does now, in words where there is nothing to be held."""
+        now = self.status
+        busy = now is not None and (now.active is not None or now.goto is not None)
+        return "hold" if busy else "hold: nothing is locked; no request, patrol or way home begins until `release`"
+
     def on_status(self, arrival: Arrival) -> None:
         """``status``: the newest."""
         if arrival.query is not None:

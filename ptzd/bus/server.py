@@ -188,7 +188,8 @@ class ZenohBus:
             case ReplyOutcome():
                 leaf = (self._pending.key_of(command.token) or "").rpartition("/")[2]
                 outcome = {"cancel": CancelReply, "update": UpdateReply}.get(leaf, ControlReply)
-                self._pending.reply(command.token, outcome(outcome=command.outcome))
+                said = self._answers.holding if (leaf, command.outcome) == ("hold", Verb.HOLD) else command.outcome
+                self._pending.reply(command.token, outcome(outcome=said))
             case ReplyLease() | ReplyMove() | ReplyGoto() | ReplyPatrol() | ReplyHomeAfter():
                 self._pending.reply(command.token, operators_reply(command))
             case ReplyRanges():

@@ -11,7 +11,9 @@ import zenoh
 from zenoh.handlers import Callback
 
 from ptzd.bus.messages import IMAGE_ENCODING, UpdateReply
+from ptzd.control.commands import PublishStatus, ReplyOutcome
 from ptzd.control.events import CancelReceived, ControlReceived, PayloadRefused, UpdateReceived, Verb
+from ptzd.model import GotoShown
 from ptzd.outgoing import ImageAttachment, Pose
 
 BOX = b'{"box":{"x":1,"y":2,"w":30,"h":40}}'
@@ -93,6 +95,31 @@ async def test_a_put_that_is_no_message_is_told_to_the_core_with_the_request_it_
     (event,) = await core.until(1)
     assert isinstance(event, PayloadRefused)
     assert (event.token, event.id, event.about) == (None, None, about)
+
+
+@pytest.mark.parametrize(
+    ("active", "goto", "said"),
+    [
+        (None, None, "hold: nothing is locked; "),
+        ("gate-3", None, "hold"),
+        (None, GotoShown(place="gate", by="", since_ns=1), "hold"),
+    ],
+)
+async def test_a_hold_says_when_there_is_nothing_to_hold(bus, get, active, goto, said) -> None:
+    bus.perform(
+        PublishStatus(
+            state="IDLE", active=active, phase="", queue=(), fisheye="well", ptz="well", held=False, goto=goto
+        )
+    )
+    asked = asyncio.ensure_future(get("ptzd/hall/control/hold"))
+    events = bus.events()
+    event = await anext(events)
+    bus.perform(ReplyOutcome(token=event.token, outcome="hold"))
+    await events.aclose()
+    (reply,) = await asked
+    told = json.loads(reply.ok.payload.to_bytes())["outcome"]
+    assert told.startswith(said)
+    assert (told == "hold") == (said == "hold")
 
 
 async def test_the_pose_is_answered_with_the_latest(core, bus, get) -> None:

@@ -45,7 +45,8 @@ async def test_the_clients_of_the_command_line(site, ask) -> None:
 
     assert (await ask(site, "cancel", "one")) == (0, "one: locked\n")
     assert (await ask(site, "home")) == (0, "home\n")
-    assert (await ask(site, "hold")) == (0, "hold\n")
+    nothing = "hold: nothing is locked; no request, patrol or way home begins until `release`\n"
+    assert (await ask(site, "hold")) == (0, nothing)
     assert (await ask(site, "release")) == (0, "release\n")
     assert (await ask(site, "stop")) == (0, "stopped\n")
 
