@@ -192,9 +192,6 @@ class _Newest:
     def _readable(self) -> None:
         try:
             shot = self._capture.newest()
-        except DeviceError as error:
-            self._loop.remove_reader(self._capture.fileno())
-            self._outcome = error
         except Exception as error:  # noqa: BLE001  # raised again by take(): a callback of the loop has nobody to tell
             self._loop.remove_reader(self._capture.fileno())
             self._outcome = error
