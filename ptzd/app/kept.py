@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import os
 from pathlib import Path
@@ -24,6 +25,28 @@ def put_in_place(path: Path, content: bytes) -> None:
         file.flush()
         os.fsync(file.fileno())
     fresh.replace(path)
+
+
+class KeptFile:
+    """A file that is written again and again; a disk that takes nothing is told once, until it does."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._failing = False
+
+    async def write(self, content: bytes) -> bool:
+        """Put this in its place, off the loop; returns whether it is there."""
+        try:
+            await asyncio.to_thread(put_in_place, self._path, content)
+        except OSError as error:
+            if not self._failing:
+                _log.warning(
+                    "%s cannot be written (%s): a restart would forget what is new", self._path, error.strerror
+                )
+            self._failing = True
+            return False
+        self._failing = False
+        return True
 
 
 def put_aside(path: Path) -> str:

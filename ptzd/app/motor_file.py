@@ -11,7 +11,7 @@ from typing import Literal
 
 import msgspec
 
-from ptzd.app.kept import put_aside, put_in_place
+from ptzd.app.kept import KeptFile, put_aside
 from ptzd.config import Config, Motor
 from ptzd.control.motor import Travel
 from ptzd.documents import read_regular
@@ -92,12 +92,11 @@ class MotorBook:
     """
 
     def __init__(self, path: Path, now: Callable[[], tuple[Travel, Motor]], log: EventLog, clock: Clock) -> None:
-        self._path = path
+        self._file = KeptFile(path)
         self._now = now
         self._log = log
         self._clock = clock
         self._written = b""
-        self._failing = False
 
     async def run(self) -> None:
         """Keep them until cancelled."""
@@ -113,13 +112,5 @@ class MotorBook:
             return
         t_ns = self._clock.now_ns()
         self._log.document("/motor", t_ns, msgspec.to_builtins(motor_status(travel, settings, t_ns)))
-        try:
-            await asyncio.to_thread(put_in_place, self._path, encoded)
-        except OSError as error:
-            if not self._failing:
-                _log.warning(
-                    "%s cannot be written (%s): a restart would forget what is new", self._path, error.strerror
-                )
-            self._failing = True
-            return
-        self._written, self._failing = encoded, False
+        if await self._file.write(encoded):
+            self._written = encoded

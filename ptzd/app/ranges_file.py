@@ -17,7 +17,7 @@ from typing import Literal
 
 import msgspec
 
-from ptzd.app.kept import put_aside, put_in_place
+from ptzd.app.kept import KeptFile, put_aside
 from ptzd.config import Config
 from ptzd.control.planning.ranges import HOUR_NS, MOST_LOCKS, RangeLock, RangeMap
 from ptzd.documents import read_regular
@@ -116,10 +116,9 @@ class RangesBook:
     def __init__(
         self, path: Path, digest: str, known: Callable[[], Sequence[RangeLock]], now_ns: Callable[[], int]
     ) -> None:
-        self._path, self._digest = path, digest
+        self._file, self._digest = KeptFile(path), digest
         self._known, self._now_ns = known, now_ns
         self._written = tuple(known())
-        self._failing = False
 
     async def run(self) -> None:
         """Keep it until cancelled."""
@@ -133,13 +132,5 @@ class RangesBook:
         if locks == self._written:
             return
         document = _Document(ptzd_ranges=1, calibration_sha256=self._digest, saved_ns=self._now_ns(), locks=list(locks))
-        try:
-            await asyncio.to_thread(put_in_place, self._path, msgspec.json.encode(document))
-        except OSError as error:
-            if not self._failing:
-                _log.warning(
-                    "%s cannot be written (%s): a restart would forget what is new", self._path, error.strerror
-                )
-            self._failing = True
-            return
-        self._written, self._failing = locks, False
+        if await self._file.write(msgspec.json.encode(document)):
+            self._written = locks
